@@ -1,0 +1,73 @@
+"""Exceptions that tell a user what was wrong, where, and how to mend it.
+
+Every mistake a user can make raises a subclass of :class:`JuicerError`; the command line prints its
+message as one sentence and exits with a non-zero status. Anything else that escapes is a defect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class JuicerError(Exception):
+    """Root of every error whose message is meant for a user."""
+
+
+class ConfigError(JuicerError):
+    """A configuration value or key is wrong."""
+
+
+class InvalidAction(JuicerError, ValueError):
+    """An action is not finite, has the wrong shape, or encodes no rotation."""
+
+
+class ArtifactError(JuicerError):
+    """An artifact cannot be found, read or written."""
+
+
+class ArtifactNotFound(ArtifactError):
+    """No artifact answers to an id."""
+
+
+class WrongArtifactKind(ArtifactError):
+    """An artifact exists but is of another kind than the one needed."""
+
+
+class DamagedArtifact(ArtifactError):
+    """The files of an artifact differ from its manifest."""
+
+
+class StoreNotWritable(ArtifactError):
+    """The artifact store refuses a write (permission, full disk, read-only file system)."""
+
+
+class InvalidEpisode(JuicerError, ValueError):
+    """The arrays of an episode contradict each other."""
+
+
+class RejectedLog(JuicerError):
+    """An operator log cannot be turned into a demonstration; the message is the reason."""
+
+
+class NothingLeft(JuicerError):
+    """A stage has no data to work on: every log rejected, or no rollout succeeded."""
+
+
+class RenderingUnavailable(JuicerError):
+    """No OpenGL platform can draw a picture on this machine."""
+
+
+class TrackingError(JuicerError):
+    """The tracking database cannot be used."""
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Tail of an error message: the nearest valid word, or all of them.
+
+    Returns:
+        ``"; did you mean 'x'?"``, or ``"; valid: a, b, c"`` when nothing is near.
+    """
+    known = sorted(known)
+    nearest = get_close_matches(word, known, n=1)
+    return f"; did you mean '{nearest[0]}'?" if nearest else f"; valid: {', '.join(known)}"
