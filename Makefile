@@ -1,0 +1,53 @@
+# The project's commands. Each sets up the virtual environment by itself, once, and again when pyproject.toml changes.
+
+SHELL := /bin/bash
+VENV ?= .venv
+# A Python 3.11 or newer to build the environment with; found by itself if empty.
+PYTHON ?=
+# A package index that offers the build of torch you want; see "Which build of torch" in README.md.
+TORCH_INDEX ?=
+CONFIG ?= configs/demo.yaml
+PYTEST_ARGS ?=
+
+export VENV PYTHON TORCH_INDEX
+
+INSTALLED := $(VENV)/.juicer-installed
+CAN_DRAW := $(VENV)/.juicer-can-draw
+RUN := $(VENV)/bin
+
+.PHONY: help demo test slow-test check format setup gl clean
+
+help: ## Show this list
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
+
+demo: setup gl ## Run the whole loop on one_leg: from demonstrations to the comparison table
+	@$(RUN)/juicer run $(CONFIG)
+
+test: setup gl ## Run the tests
+	@$(RUN)/pytest $(PYTEST_ARGS)
+
+slow-test: setup gl ## Run the tests that take minutes
+	@$(RUN)/pytest -m slow $(PYTEST_ARGS)
+
+check: setup ## Check style, types and import contracts
+	$(RUN)/ruff check .
+	$(RUN)/ruff format --check .
+	$(RUN)/mypy
+	$(RUN)/lint-imports
+
+format: setup ## Put the code into its standard form
+	$(RUN)/ruff check --fix .
+	$(RUN)/ruff format .
+
+setup: $(INSTALLED) ## Make the virtual environment and install everything
+
+$(INSTALLED): pyproject.toml scripts/setup.sh
+	@scripts/setup.sh
+	@touch $@
+
+# Without OpenGL everything but pictures works, so its absence is told and stops nothing.
+gl: $(INSTALLED)
+	@test -e $(CAN_DRAW) || { scripts/ensure_gl.sh && touch $(CAN_DRAW); } || true
+
+clean: ## Remove the virtual environment and caches; data/ stays
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

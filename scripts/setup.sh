@@ -1,0 +1,60 @@
+#!/usr/bin/env bash
+# Make the virtual environment $VENV and install juicer into it. Called by `make setup`.
+set -euo pipefail
+
+VENV=${VENV:-.venv}
+TORCH_INDEX=${TORCH_INDEX:-}
+TORCH_VERSION=2.13.0
+
+fail() {
+    echo "juicer set-up: $1" >&2
+    exit 1
+}
+
+suitable() {
+    "$1" -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1
+}
+
+find_python() {
+    if [ -n "${PYTHON:-}" ]; then
+        suitable "$PYTHON" || fail "PYTHON=$PYTHON is no Python 3.11 or newer; name one that is."
+        echo "$PYTHON"
+        return
+    fi
+    # 3.11 first: it is the version juicer is tested with.
+    for candidate in python3.11 python3.12 python3.13 python3; do
+        if suitable "$candidate"; then
+            echo "$candidate"
+            return
+        fi
+    done
+    fail "Python 3.11 or newer is missing; on Debian or Ubuntu: apt-get install python3 python3-venv."
+}
+
+if [ ! -x "$VENV/bin/python" ]; then
+    python=$(find_python)
+    echo "juicer set-up: creating $VENV with $("$python" --version)"
+    if ! "$python" -m venv "$VENV"; then
+        rm -rf "$VENV"
+        fail "$python cannot create a virtual environment; on Debian or Ubuntu: apt-get install python3-venv."
+    fi
+fi
+suitable "$VENV/bin/python" || fail "$VENV holds a Python older than 3.11; remove it and start again."
+
+pip=("$VENV/bin/python" -m pip --disable-pip-version-check)
+[ -t 1 ] || pip+=(--no-input --progress-bar=off)
+
+torch_is_there() {
+    "$VENV/bin/python" -c "
+import importlib.metadata, sys
+sys.exit(importlib.metadata.version('torch').split('+')[0] != '$TORCH_VERSION')" 2>/dev/null
+}
+
+# torch comes first and alone: asked for together with the rest, a resolver may choose another build of it.
+if ! torch_is_there; then
+    echo "juicer set-up: installing torch $TORCH_VERSION"
+    "${pip[@]}" install ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} "torch==$TORCH_VERSION" ||
+        fail "torch $TORCH_VERSION cannot be installed; see 'Which build of torch' in README.md."
+fi
+echo "juicer set-up: installing juicer and what it needs (some minutes, about 2 GB)"
+"${pip[@]}" install --quiet --editable ".[dev]" || fail "the dependencies cannot be installed; pip's message is above."

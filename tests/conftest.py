@@ -1,0 +1,98 @@
+"""What every test may use, and the quiet, offline surroundings they all run in."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+
+# Set before anything imports these libraries: they read their settings once.
+for _name, _value in {
+    "OMP_NUM_THREADS": "1",
+    "DO_NOT_TRACK": "1",
+    "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
+    "PREFECT_LOGGING_SERVER_LEVEL": "CRITICAL",
+    "MLFLOW_DISABLE_TELEMETRY": "true",
+    "MPLBACKEND": "agg",
+}.items():
+    os.environ.setdefault(_name, _value)
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from juicer.episode import ACTION_SIZE, FINAL_KEYS, PROPRIOCEPTION_SIZE, Episode, EpisodeRecord, Outcome, Source
+from juicer.seeding import stream
+
+NUM_PARTS = 5
+SIM_STATE_SIZE = 12
+
+EpisodeFactory = Callable[..., Episode]
+
+
+def make_episode(
+    length: int = 12,
+    *,
+    seed: int = 0,
+    num_parts: int = NUM_PARTS,
+    sim_state_size: int = SIM_STATE_SIZE,
+    **facts: object,
+) -> Episode:
+    """A well-formed episode of smooth, seeded random numbers; no physics is behind it.
+
+    Args:
+        length: Number of actions.
+        seed: Initial-state seed of the record; also decides the numbers.
+        num_parts: Parts in ``part_poses``.
+        sim_state_size: Length of a simulator state.
+        facts: Fields of :class:`EpisodeRecord` to set otherwise than a successful one_leg demonstration.
+    """
+    rng = stream(seed, "synthetic episode")
+    walk = _poses(rng, length + 1, num_parts)
+    proprioception = np.zeros((length + 1, PROPRIOCEPTION_SIZE), np.float32)
+    proprioception[:, :3] = np.cumsum(rng.normal(0, 0.005, (length + 1, 3)), axis=0)
+    proprioception[:, 3:9] = (1, 0, 0, 0, 1, 0)
+    proprioception[:, 15] = 0.065
+    action = np.concatenate([proprioception[1:, :9], np.sign(rng.normal(size=(length, 1)))], axis=1)
+    reward = np.zeros(length, np.float32)
+    reward[-1] = 1.0
+    every_step: Mapping[str, NDArray[np.generic]] = {
+        "proprioception": proprioception,
+        "part_poses": walk.reshape(length + 1, 7 * num_parts).astype(np.float32),
+        "sim_state": np.cumsum(rng.normal(size=(length + 1, sim_state_size)), axis=0),
+    }
+    known = {
+        "source": Source.TELEOP,
+        "task": "one_leg",
+        "randomness": "low",
+        "seed": seed,
+        "outcome": Outcome.SUCCESS,
+        "parts_assembled": 1,
+    }
+    return Episode(
+        record=EpisodeRecord(**(known | facts)),
+        steps={name: values[:-1] for name, values in every_step.items()}
+        | {"action": action.astype(np.float32).reshape(length, ACTION_SIZE), "reward": reward},
+        final={name: every_step[name][-1] for name in FINAL_KEYS},
+    )
+
+
+def _poses(rng: np.random.Generator, steps: int, num_parts: int) -> NDArray[np.float64]:
+    poses = np.zeros((steps, num_parts, 7))
+    poses[..., :3] = rng.normal(0.4, 0.1, (1, num_parts, 3)) + np.cumsum(
+        rng.normal(0, 0.002, (steps, num_parts, 3)), axis=0
+    )
+    quat_wxyz = rng.normal(size=(1, num_parts, 4)) + np.zeros((steps, 1, 1))
+    poses[..., 3:] = quat_wxyz / np.linalg.norm(quat_wxyz, axis=-1, keepdims=True)
+    return poses
+
+
+@pytest.fixture
+def episode_factory() -> EpisodeFactory:
+    """:func:`make_episode`, e.g. ``episode_factory(40, seed=3, outcome=Outcome.TIMEOUT)``."""
+    return make_episode
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """A fixed random stream."""
+    return stream(0, "test")
