@@ -1,0 +1,1 @@
+"""Immutable, content-addressed artifacts: what the stages read and write."""

@@ -1,0 +1,140 @@
+"""The manifest of an artifact: what it is, what made it, and the hash of every file in it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from typing import Any
+
+from juicer import __version__
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
+
+SCHEMA_VERSION = 1
+MANIFEST_NAME = "manifest.json"
+
+
+@dataclass(frozen=True)
+class FileEntry:
+    """One file of an artifact: POSIX path within it, size in bytes, SHA-256 in hexadecimal digits."""
+
+    path: str
+    bytes: int
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """Description of a finished artifact.
+
+    Attributes:
+        recipe: What it was made of.
+        files: Every file but the manifest itself, sorted by path.
+        summary: JSON facts for people: counts, rates.
+        host: Where it was made: machine, platform, Python, number of CPUs, version of juicer.
+        started: Local time with offset, ISO 8601.
+        finished: The same.
+        seconds: Wall time between the two.
+        schema_version: Version of this record.
+    """
+
+    recipe: Recipe
+    files: tuple[FileEntry, ...]
+    summary: Mapping[str, Any]
+    host: Mapping[str, Any]
+    started: str
+    finished: str
+    seconds: float
+    schema_version: int = SCHEMA_VERSION
+
+    @property
+    def ref(self) -> ArtifactRef:
+        """The artifact described."""
+        return self.recipe.ref
+
+    @property
+    def bytes(self) -> int:
+        """Size of all files."""
+        return sum(entry.bytes for entry in self.files)
+
+    @property
+    def content(self) -> str:
+        """16 hexadecimal digits that differ between artifacts with different files."""
+        lines = "\n".join(f"{entry.sha256} {entry.path}" for entry in self.files)
+        return hashlib.sha256(lines.encode()).hexdigest()[:16]
+
+    def to_text(self) -> str:
+        """JSON text of the manifest, sealed by its own SHA-256."""
+        body = {
+            "schema_version": self.schema_version,
+            "recipe": self.recipe.to_json(),
+            "files": [asdict(entry) for entry in self.files],
+            "summary": dict(self.summary),
+            "host": dict(self.host),
+            "started": self.started,
+            "finished": self.finished,
+            "seconds": self.seconds,
+        }
+        body["sha256"] = hashlib.sha256(_render(body).encode()).hexdigest()
+        return _render(body)
+
+    @classmethod
+    def from_text(cls, text: str) -> Manifest:
+        """Read a manifest.
+
+        Raises:
+            ValueError: If the text is not exactly what :meth:`to_text` wrote.
+        """
+        try:
+            body = json.loads(text)
+            if body["schema_version"] != SCHEMA_VERSION:
+                raise ValueError(f"it has schema version {body['schema_version']}, this juicer reads {SCHEMA_VERSION}")
+            manifest = cls(
+                recipe=Recipe.from_json(body["recipe"]),
+                files=tuple(FileEntry(**entry) for entry in body["files"]),
+                **{key: body[key] for key in ("summary", "host", "started", "finished", "seconds")},
+            )
+        except (KeyError, TypeError, AttributeError, json.JSONDecodeError):
+            raise ValueError("it is not a manifest") from None
+        if manifest.to_text() != text:
+            raise ValueError("its text does not match its checksum")
+        return manifest
+
+
+def describe_host() -> dict[str, Any]:
+    """Facts about this machine and interpreter that help to judge timings."""
+    return {
+        "name": platform.node(),
+        "platform": platform.platform(),
+        "python": platform.python_version(),
+        "cpus": os.cpu_count(),
+        "juicer": __version__,
+    }
+
+
+def timestamp(moment: datetime) -> str:
+    """ISO 8601 with offset, to the millisecond."""
+    return moment.astimezone().isoformat(timespec="milliseconds")
+
+
+def plain(value: Any) -> Any:
+    """``value`` as strict JSON: NumPy scalars become numbers, NaN and infinities ``None``."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _render(body: Mapping[str, Any]) -> str:
+    return json.dumps(body, indent=1, sort_keys=True, allow_nan=False) + "\n"

@@ -1,0 +1,40 @@
+"""Pointers to artifacts: small, ordered, and readable by people."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from juicer.errors import ArtifactNotFound, did_you_mean
+
+KINDS = ("episodes", "annotations", "selection", "checkpoint", "evaluation", "report")
+"""Every kind of artifact."""
+
+ID_LENGTH = 16
+_ID = re.compile(rf"[0-9a-f]{{{ID_LENGTH}}}")
+
+
+@dataclass(frozen=True, order=True)
+class ArtifactRef:
+    """Kind and id of an artifact; reads ``episodes/0123456789abcdef``."""
+
+    kind: str
+    id: str
+
+    def __str__(self) -> str:
+        """The text that :meth:`parse` takes."""
+        return f"{self.kind}/{self.id}"
+
+    @classmethod
+    def parse(cls, text: str) -> ArtifactRef:
+        """Read ``kind/id``.
+
+        Raises:
+            ArtifactNotFound: If the kind is unknown or the id is not 16 hexadecimal digits.
+        """
+        kind, _, identity = text.partition("/")
+        if kind not in KINDS:
+            raise ArtifactNotFound(f"'{text}' names no kind of artifact{did_you_mean(kind, KINDS)}")
+        if not _ID.fullmatch(identity):
+            raise ArtifactNotFound(f"'{text}' must be a kind and an id of {ID_LENGTH} hexadecimal digits")
+        return cls(kind, identity)

@@ -1,0 +1,1 @@
+"""File formats of the artifacts: episodes in Zarr, tables in Parquet."""

@@ -1,0 +1,189 @@
+"""Episodes on disk: a Zarr v3 group of time-major arrays, and a Parquet row an episode.
+
+``episodes.zarr`` holds ``data/<key>`` (all steps of all episodes, one after another), ``final/<key>`` (one entry
+an episode) and ``meta/episode_ends`` (index one past the last step of each episode). ``episodes.parquet`` holds
+the records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import zarr
+from numpy.typing import NDArray
+from zarr.codecs import BloscCodec
+
+from juicer.episode import FINAL_KEYS, STEP_DTYPES, Episode, EpisodeRecord, Outcome, Source
+from juicer.errors import ArtifactError, InvalidEpisode, NothingLeft
+from juicer.storage.tables import MILESTONES, read_table, write_table
+
+SCHEMA_VERSION = 1
+CHUNK_STEPS = 2048
+"""Steps a chunk: a few megabytes for the simulator state, so that an episode touches one or two chunks an array."""
+
+_RECORDS = pa.schema(
+    {
+        "episode": pa.int32(),
+        "length": pa.int32(),
+        "source": pa.string(),
+        "task": pa.string(),
+        "randomness": pa.string(),
+        "seed": pa.int64(),
+        "outcome": pa.string(),
+        "parts_assembled": pa.int32(),
+        "milestones": MILESTONES,
+        "policy": pa.string(),
+        "parent": pa.string(),
+        "critical_state": pa.int32(),
+        "device": pa.string(),
+    }
+)
+
+Array = NDArray[Any]
+
+
+def write_episodes(folder: Path, episodes: Iterable[Episode], attributes: Mapping[str, Any]) -> int:
+    """Write episodes one at a time; memory holds a few chunks, however many episodes there are.
+
+    Args:
+        folder: Existing folder that gets ``episodes.zarr`` and ``episodes.parquet``.
+        episodes: In the order in which they get their indices.
+        attributes: JSON facts stored with the Zarr group.
+
+    Returns:
+        Number of episodes written.
+
+    Raises:
+        NothingLeft: If there is no episode.
+        InvalidEpisode: If an episode's arrays differ in shape from those of the first.
+    """
+    group = zarr.open_group(folder / "episodes.zarr", mode="w-", zarr_format=3)
+    steps: dict[str, _Appender] = {}
+    finals: dict[str, _Appender] = {}
+    rows: list[dict[str, Any]] = []
+    for index, episode in enumerate(episodes):
+        for key, dtype in STEP_DTYPES.items():
+            if index == 0:
+                steps[key] = _Appender(group, f"data/{key}", episode.steps[key].shape[1:], dtype)
+            steps[key].append(episode.steps[key])
+        for key in FINAL_KEYS:
+            if index == 0:
+                finals[key] = _Appender(group, f"final/{key}", np.shape(episode.final[key]), STEP_DTYPES[key])
+            finals[key].append(np.asarray(episode.final[key])[None])
+        rows.append({"episode": index, "length": len(episode), **asdict(episode.record)})
+    if not rows:
+        raise NothingLeft("there is no episode to store")
+    for appender in (*steps.values(), *finals.values()):
+        appender.flush()
+    ends = np.cumsum([row["length"] for row in rows], dtype=np.int64)
+    group.create_array("meta/episode_ends", data=ends, chunks=ends.shape)
+    group.attrs.update({**attributes, "schema_version": SCHEMA_VERSION})
+    write_table(folder / "episodes.parquet", _RECORDS, rows)
+    return len(rows)
+
+
+class EpisodeReader:
+    """Read access to stored episodes; arrays are read from disk when asked for.
+
+    Attributes:
+        attributes: The facts stored with the group.
+        episode_ends: ``(N,)`` index one past the last step of each episode, in the time-major arrays.
+        lengths: ``(N,)`` number of steps of each episode.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Open the episodes of an artifact.
+
+        Raises:
+            ArtifactError: If the folder holds no episodes, or those of another schema version.
+        """
+        self._folder = folder
+        try:
+            self._group = zarr.open_group(folder / "episodes.zarr", mode="r", zarr_format=3)
+        except FileNotFoundError:
+            raise ArtifactError(f"'{folder}' holds no episodes") from None
+        self.attributes: dict[str, Any] = dict(self._group.attrs)
+        if (version := self.attributes.pop("schema_version", None)) != SCHEMA_VERSION:
+            raise ArtifactError(
+                f"episodes in '{folder}' have schema version {version}; this juicer reads {SCHEMA_VERSION}"
+            )
+        self.episode_ends: NDArray[np.int64] = self._array("meta/episode_ends")[:]
+        self.lengths: NDArray[np.int64] = np.diff(self.episode_ends, prepend=0)
+
+    def __len__(self) -> int:
+        """Number of episodes."""
+        return len(self.episode_ends)
+
+    @cached_property
+    def records(self) -> list[EpisodeRecord]:
+        """Facts about every episode."""
+        names = [field.name for field in fields(EpisodeRecord)]
+        rows = read_table(self._folder / "episodes.parquet", _RECORDS)
+        return [
+            EpisodeRecord(
+                **{name: row[name] for name in names}
+                | {"source": Source(row["source"]), "outcome": Outcome(row["outcome"])}
+            )
+            for row in rows
+        ]
+
+    def read(self, index: int) -> Episode:
+        """One episode; negative indices count from the end.
+
+        Raises:
+            IndexError: If there is no such episode.
+        """
+        index = range(len(self))[index]
+        end = int(self.episode_ends[index])
+        span = slice(end - int(self.lengths[index]), end)
+        return Episode(
+            record=self.records[index],
+            steps={key: self._array(f"data/{key}")[span] for key in STEP_DTYPES},
+            final={key: self._array(f"final/{key}")[index] for key in FINAL_KEYS},
+        )
+
+    def steps(self, key: str) -> Array:
+        """All steps of all episodes, ``(sum of lengths, ...)``; ``key`` is one of ``STEP_DTYPES``."""
+        return np.asarray(self._array(f"data/{key}")[:])
+
+    def final(self, key: str) -> Array:
+        """What followed each episode's last action, ``(N, ...)``; ``key`` is one of ``FINAL_KEYS``."""
+        return np.asarray(self._array(f"final/{key}")[:])
+
+    def _array(self, path: str) -> Any:
+        return self._group[path]
+
+
+class _Appender:
+    """Growing array that touches the disk one full chunk at a time."""
+
+    def __init__(self, group: zarr.Group, path: str, shape: tuple[int, ...], dtype: type[np.generic]) -> None:
+        self._pending: list[Array] = []
+        self._path, self._shape, self._dtype = path, shape, dtype
+        self._array = group.create_array(
+            path,
+            shape=(0, *shape),
+            chunks=(CHUNK_STEPS, *shape),
+            dtype=np.dtype(dtype),
+            compressors=BloscCodec(cname="zstd", clevel=5, shuffle="shuffle"),
+        )
+
+    def append(self, values: Array) -> None:
+        if values.shape[1:] != self._shape:
+            raise InvalidEpisode(f"array '{self._path}' has shape {values.shape[1:]} a step after {self._shape} before")
+        self._pending.append(values.astype(self._dtype))
+        if sum(map(len, self._pending)) >= CHUNK_STEPS:
+            pending = np.concatenate(self._pending)
+            full = len(pending) // CHUNK_STEPS * CHUNK_STEPS
+            self._array.append(pending[:full])
+            self._pending = [pending[full:]]
+
+    def flush(self) -> None:
+        if rest := [values for values in self._pending if len(values)]:
+            self._array.append(np.concatenate(rest))
