@@ -1,0 +1,1 @@
+"""Demonstrations at their source: operator logs, and a scripted operator that stands in for a human."""

@@ -1,0 +1,107 @@
+"""Operator logs survive the disk, and damaged ones are named."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from juicer.errors import RejectedLog
+from juicer.teleoperation.log import VERSION, read_log, write_log
+
+
+def test_a_log_reads_back_as_it_was_written(make_log, tmp_path: Path):
+    log = make_log(milestones={"leg_lifted": 3})
+    write_log(tmp_path / "log.npz", log)
+    back = read_log(tmp_path / "log.npz")
+    assert (back.task, back.seed, back.device, back.outcome) == (log.task, log.seed, log.device, log.outcome)
+    assert back.milestones == {"leg_lifted": 3}
+    for name, values in log.steps.items():
+        np.testing.assert_array_equal(back.steps[name], values)
+        assert back.steps[name].dtype == values.dtype
+    np.testing.assert_array_equal(back.final["sim_state"], log.final["sim_state"])
+    np.testing.assert_array_equal(back.timestamp_s, log.timestamp_s)
+
+
+def test_equal_logs_give_equal_bytes_and_no_draft_stays(make_log, tmp_path: Path):
+    write_log(tmp_path / "one.npz", make_log())
+    write_log(tmp_path / "two.npz", make_log())
+    assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["one.npz", "two.npz"]
+
+
+def test_a_missing_file_is_rejected(tmp_path: Path):
+    with pytest.raises(RejectedLog, match="does not exist"):
+        read_log(tmp_path / "nowhere.npz")
+
+
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.5, 0.99])
+def test_a_truncated_log_is_rejected(make_log, tmp_path: Path, share: float):
+    path = tmp_path / "log.npz"
+    write_log(path, make_log())
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(RejectedLog, match="truncated or no operator log"):
+        read_log(path)
+
+
+def test_flipped_bytes_are_rejected(make_log, tmp_path: Path):
+    path = tmp_path / "log.npz"
+    write_log(path, make_log())
+    content = bytearray(path.read_bytes())
+    for position in range(len(content) // 3, len(content) // 3 + 64):
+        content[position] ^= 0xFF
+    path.write_bytes(content)
+    with pytest.raises(RejectedLog):
+        read_log(path)
+
+
+@pytest.mark.parametrize("content", [b"not a log", b"\x93NUMPY garbage", b"PK\x03\x04 garbage"])
+def test_a_foreign_file_is_rejected(tmp_path: Path, content: bytes):
+    (tmp_path / "log.npz").write_bytes(content)
+    with pytest.raises(RejectedLog, match="no operator log"):
+        read_log(tmp_path / "log.npz")
+
+
+def test_a_plain_array_is_no_log(tmp_path: Path):
+    with (tmp_path / "log.npz").open("wb") as file:
+        np.save(file, np.zeros(3))
+    with pytest.raises(RejectedLog, match="no operator log"):
+        read_log(tmp_path / "log.npz")
+
+
+def test_pickled_content_is_never_loaded(make_log, tmp_path: Path):
+    np.savez(tmp_path / "log.npz", header=np.array([{"format": "x"}], dtype=object))
+    with pytest.raises(RejectedLog, match="no operator log"):
+        read_log(tmp_path / "log.npz")
+
+
+def _rewrite(path: Path, drop: str = "", **header_changes: object) -> None:
+    with np.load(path) as archive:
+        entries = {name: archive[name] for name in archive.files if name != drop}
+    header = json.loads(str(entries["header"])) | header_changes
+    entries["header"] = np.array(json.dumps(header))
+    np.savez(path, **entries)
+
+
+def test_another_version_is_named(make_log, tmp_path: Path):
+    write_log(tmp_path / "log.npz", make_log())
+    _rewrite(tmp_path / "log.npz", version=VERSION + 1)
+    with pytest.raises(RejectedLog, match=f"version {VERSION + 1}, but this program reads version {VERSION}"):
+        read_log(tmp_path / "log.npz")
+
+
+def test_a_missing_array_is_named(make_log, tmp_path: Path):
+    write_log(tmp_path / "log.npz", make_log())
+    _rewrite(tmp_path / "log.npz", drop="sim_state")
+    with pytest.raises(RejectedLog, match="sim_state"):
+        read_log(tmp_path / "log.npz")
+
+
+def test_a_wrong_header_entry_is_named(make_log, tmp_path: Path):
+    write_log(tmp_path / "log.npz", make_log())
+    _rewrite(tmp_path / "log.npz", seed="seven")
+    with pytest.raises(RejectedLog, match="'seed'"):
+        read_log(tmp_path / "log.npz")
