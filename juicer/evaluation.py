@@ -1,0 +1,283 @@
+"""Evaluation that cannot lie: pre-registered initial states, intervals, paired comparisons.
+
+Initial states are seeds of the simulator. Each purpose owns a range of them, so that no rate is measured
+on a state that a demonstration, a collected rollout or the choice of a model has seen.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from statistics import NormalDist, fmean
+
+import numpy as np
+
+from juicer.errors import ConfigError, did_you_mean
+from juicer.seeding import stream
+
+Interval = tuple[float, float]
+"""Lower and upper end of a confidence interval of a rate, each in [0, 1]."""
+
+PAPER_TABLE_VI: Mapping[str, Mapping[str, tuple[float, float]]] = {
+    "one_leg": {
+        "BC": (0.59, 0.68),
+        "State noise": (0.64, 0.70),
+        "TA": (0.64, 0.65),
+        "CI": (0.75, 0.79),
+        "TA+CI": (0.74, 0.85),
+        "MLP-C": (0.40, 0.52),
+        "MLP-NC": (0.0, 0.0),
+    },
+}
+"""Average and best success rate of five image-based models, by task and condition (paper, Table VI)."""
+
+
+class Purpose(StrEnum):
+    """What initial states are drawn for."""
+
+    DEMONSTRATIONS = "demonstrations"
+    COLLECTION = "collection"
+    MODEL_SELECTION = "model_selection"
+    EVALUATION = "evaluation"
+
+
+SEED_RANGES: Mapping[Purpose, range] = {
+    purpose: range(index * 1_000_000, (index + 1) * 1_000_000) for index, purpose in enumerate(Purpose)
+}
+"""Initial-state seeds of each purpose; disjoint, and never to be moved: results refer to them."""
+
+
+def claim(purpose: Purpose | str, start: int, count: int) -> range:
+    """Initial-state seeds ``start`` to ``start + count`` of a purpose.
+
+    Args:
+        purpose: What the states are for.
+        start: Position of the first seed within the purpose's range, counted from zero.
+        count: How many.
+
+    Raises:
+        ConfigError: If the purpose is unknown, or the range does not hold that many seeds from there.
+    """
+    try:
+        owned = SEED_RANGES[Purpose(purpose)]
+    except ValueError:
+        raise ConfigError(f"unknown purpose of seeds '{purpose}'{did_you_mean(str(purpose), Purpose)}") from None
+    if start < 0 or count < 1 or start + count > len(owned):
+        raise ConfigError(
+            f"{count} initial states from position {start} were asked for {purpose}; "
+            f"positions are 0 to {len(owned) - 1}, and at least one state is needed"
+        )
+    return owned[start : start + count]
+
+
+def check_seeds(purpose: Purpose, seeds: Iterable[int]) -> None:
+    """Refuse initial states that another purpose owns.
+
+    Raises:
+        ConfigError: Naming the first seed outside the purpose's range.
+    """
+    owned = SEED_RANGES[purpose]
+    for seed in seeds:
+        if seed not in owned:
+            raise ConfigError(
+                f"initial-state seed {seed} must not be used for {purpose}; its seeds are {owned[0]} to {owned[-1]}"
+            )
+
+
+def wilson_interval(successes: int, trials: int, level: float = 0.95) -> Interval:
+    """Wilson score interval of a rate.
+
+    Raises:
+        ValueError: If there are no trials, or more successes than trials.
+    """
+    if not 0 <= successes <= trials or trials == 0:
+        raise ValueError(f"{successes} successes in {trials} trials are no rate")
+    z = NormalDist().inv_cdf(0.5 + level / 2)
+    rate = successes / trials
+    scale = 1 + z * z / trials
+    center = (rate + z * z / (2 * trials)) / scale
+    half = z / scale * math.sqrt(rate * (1 - rate) / trials + z * z / (4 * trials * trials))
+    # The ends are exact at the borders; rounding must not move them off.
+    low = 0.0 if successes == 0 else center - half
+    high = 1.0 if successes == trials else center + half
+    return (low, high)
+
+
+def hierarchical_interval(
+    successes: Sequence[int], trials: Sequence[int], rng: np.random.Generator, level: float = 0.95, draws: int = 10_000
+) -> Interval:
+    """Interval of the average rate of a condition: over its trained models, and over episodes of each.
+
+    A bootstrap that draws models, then episodes of each drawn model. It is never narrower than the Wilson
+    interval of the pooled episodes, which also covers what no bootstrap sees: one model, or rates of 0 or 1.
+
+    Args:
+        successes: Successes of each model.
+        trials: Episodes of each model.
+        rng: Source of the draws.
+        level: Confidence.
+        draws: Bootstrap draws.
+    """
+    pooled = wilson_interval(sum(successes), sum(trials), level)
+    if len(successes) == 1:
+        return pooled
+    counts = np.asarray(trials)
+    rates = np.asarray(successes) / counts
+    models = rng.integers(len(rates), size=(draws, len(rates)))
+    averages = np.mean(rng.binomial(counts[models], rates[models]) / counts[models], axis=1)
+    low, high = np.quantile(averages, [0.5 - level / 2, 0.5 + level / 2])
+    return (min(float(low), pooled[0]), max(float(high), pooled[1]))
+
+
+@dataclass(frozen=True)
+class ModelResult:
+    """Evaluation of one trained model.
+
+    Attributes:
+        seed: Root seed of its training.
+        initial_states: Seeds of the initial states, in order.
+        successes: Whether the episode from each initial state succeeded.
+    """
+
+    seed: int
+    initial_states: tuple[int, ...]
+    successes: tuple[bool, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.initial_states) != len(self.successes) or not self.successes:
+            raise ValueError("a model's result needs one success or failure for each of its initial states")
+
+    @property
+    def rate(self) -> float:
+        """Share of successes."""
+        return fmean(self.successes)
+
+
+@dataclass(frozen=True)
+class ConditionResult:
+    """A row of the comparison in the form of the paper's Table VI.
+
+    Attributes:
+        condition: Its name, e.g. ``TA+CI``.
+        models: One result a trained model.
+        interval: 95 % interval of the average, over models and episodes.
+    """
+
+    condition: str
+    models: tuple[ModelResult, ...]
+    interval: Interval
+
+    @property
+    def average(self) -> float:
+        """Mean of the models' rates."""
+        return fmean(model.rate for model in self.models)
+
+    @property
+    def best(self) -> float:
+        """Rate of the best single model."""
+        return max(model.rate for model in self.models)
+
+    @property
+    def num_models(self) -> int:
+        """Trained models."""
+        return len(self.models)
+
+    @property
+    def num_episodes(self) -> int:
+        """Episodes of all models together."""
+        return sum(len(model.successes) for model in self.models)
+
+
+def summarise(condition: str, models: Sequence[ModelResult]) -> ConditionResult:
+    """Condition's row, with its interval; the same models give the same interval."""
+    interval = hierarchical_interval(
+        [sum(model.successes) for model in models],
+        [len(model.successes) for model in models],
+        stream(0, "hierarchical interval"),
+    )
+    return ConditionResult(condition, tuple(models), interval)
+
+
+@dataclass(frozen=True)
+class PairedComparison:
+    """Two conditions on the same initial states (McNemar's exact test).
+
+    Attributes:
+        first: Name of the first condition.
+        second: Name of the second.
+        first_only: Episodes in which only the first succeeded.
+        second_only: Episodes in which only the second succeeded.
+        num_pairs: Episodes compared.
+        p_value: Two-sided, of the hypothesis that both succeed equally often. Episodes of one model are
+            not independent of each other, so it speaks of these models, not of the recipes.
+    """
+
+    first: str
+    second: str
+    first_only: int
+    second_only: int
+    num_pairs: int
+    p_value: float
+
+    @property
+    def difference(self) -> float:
+        """Rate of the second minus rate of the first."""
+        return (self.second_only - self.first_only) / self.num_pairs
+
+
+def compare(first: ConditionResult, second: ConditionResult) -> PairedComparison:
+    """Pair the models of two conditions by training seed and their episodes by initial state.
+
+    Raises:
+        ConfigError: If the two share no training seed, or were not evaluated on the same initial states.
+    """
+    seconds = {model.seed: model for model in second.models}
+    pairs = [(model, seconds[model.seed]) for model in first.models if model.seed in seconds]
+    if not pairs:
+        raise ConfigError(f"'{first.condition}' and '{second.condition}' have no training seed in common")
+    if any(left.initial_states != right.initial_states for left, right in pairs):
+        raise ConfigError(f"'{first.condition}' and '{second.condition}' were evaluated on different initial states")
+    left = np.concatenate([pair[0].successes for pair in pairs])
+    right = np.concatenate([pair[1].successes for pair in pairs])
+    first_only, second_only = int(np.sum(left & ~right)), int(np.sum(~left & right))
+    return PairedComparison(
+        first=first.condition,
+        second=second.condition,
+        first_only=first_only,
+        second_only=second_only,
+        num_pairs=len(left),
+        p_value=mcnemar_p_value(first_only, second_only),
+    )
+
+
+def mcnemar_p_value(first_only: int, second_only: int) -> float:
+    """Exact two-sided p-value of a discordance of ``first_only`` against ``second_only`` episodes."""
+    discordant = first_only + second_only
+    tail = sum(math.comb(discordant, count) for count in range(min(first_only, second_only) + 1))
+    return min(1.0, 2 * tail / (1 << discordant))
+
+
+def milestone_counts(milestones: Sequence[Mapping[str, int]], names: Sequence[str]) -> dict[str, int]:
+    """Episodes that reached each milestone, in the order of ``names``; shows where a policy fails.
+
+    Args:
+        milestones: For each episode, the step at which each reached milestone was reached.
+        names: All milestones of the task, in order.
+    """
+    return {name: sum(name in reached for reached in milestones) for name in names}
+
+
+def markdown_table(results: Sequence[ConditionResult]) -> str:
+    """Comparison in the form of the paper's Table VI, as Markdown."""
+    lines = [
+        "| condition | average | 95 % interval | best | models | episodes |",
+        "|---|---:|---:|---:|---:|---:|",
+    ]
+    lines += [
+        f"| {row.condition} | {row.average:.0%} | {row.interval[0]:.0%} to {row.interval[1]:.0%} "
+        f"| {row.best:.0%} | {row.num_models} | {row.num_episodes} |"
+        for row in results
+    ]
+    return "\n".join(lines) + "\n"
