@@ -50,6 +50,10 @@ class RejectedLog(JuicerError):
     """An operator log cannot be turned into a demonstration; the message is the reason."""
 
 
+class InvalidLabels(JuicerError):
+    """A file of critical states labelled by hand contradicts itself or the episodes."""
+
+
 class NothingLeft(JuicerError):
     """A stage has no data to work on: every log rejected, or no rollout succeeded."""
 
@@ -60,6 +64,18 @@ class RenderingUnavailable(JuicerError):
 
 class TrackingError(JuicerError):
     """The tracking database cannot be used."""
+
+
+class InvalidObservation(JuicerError, ValueError):
+    """A policy is shown something it was not built for."""
+
+
+class InvalidCheckpoint(JuicerError):
+    """A checkpoint folder is incomplete, damaged or of another format."""
+
+
+class TrainingFailed(JuicerError):
+    """Training cannot start from its data, or its loss is no longer a number."""
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

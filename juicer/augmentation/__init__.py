@@ -1,0 +1,1 @@
+"""Trajectory augmentation: corrective episodes grown around the critical states of demonstrations."""

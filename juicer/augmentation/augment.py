@@ -1,0 +1,219 @@
+"""The loop: draw, depart, return, verify, until there are enough snippets of every critical state.
+
+Attempt ``k`` depends on ``stream(seed, "augment", k)`` and on the balance at the start of its block alone.
+Blocks have a fixed size and are judged in the order of attempts, so threads change nothing but the time taken.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from juicer.augmentation.config import AugmentationConfig
+from juicer.augmentation.execute import execute, reproduces
+from juicer.augmentation.plan import POSE_SIZE, draw_kind, plan_departure
+from juicer.augmentation.reference import Reference, reference_of
+from juicer.augmentation.verify import RejectionReason, deviation_from_reference
+from juicer.episode import Episode, Outcome
+from juicer.errors import NothingLeft
+from juicer.geometry import rot6d_to_matrix, rotation_angle
+from juicer.progress import Progress, silent_progress
+from juicer.seeding import stream
+from juicer.sim.env import AssemblyEnv
+from juicer.sim.pool import EnvironmentPool
+from juicer.storage.tables import Annotation
+
+BLOCK_SIZE = 16
+"""Attempts between two looks at the balance. Part of what a seed means: another size gives other snippets."""
+
+_NO_STEP_LIMIT = 10**9
+
+
+class DemonstrationReader(Protocol):
+    """Episodes by number, e.g. :class:`juicer.storage.episodes.EpisodeReader`."""
+
+    def read(self, index: int) -> Episode:
+        """The episode of a number."""
+        ...
+
+
+@dataclass(frozen=True)
+class Snippet:
+    """A corrective episode that passed every check.
+
+    Attributes:
+        episode: Return and arrival, as it goes into storage.
+        critical_state: Critical state it returns to.
+        departure: Kind of departure it returns from.
+        sideways_m: Horizontal distance of its first end-effector pose from the critical one.
+        above_m: How much higher it begins.
+        turned_rad: Angle between the two.
+    """
+
+    episode: Episode
+    critical_state: int
+    departure: str
+    sideways_m: float
+    above_m: float
+    turned_rad: float
+
+
+@dataclass(frozen=True)
+class Rejection:
+    """An attempt that gave no snippet.
+
+    Attributes:
+        parent: Demonstration it started from.
+        critical_state: Critical state it departed from.
+        departure: Kind of departure.
+        reason: What was wrong.
+    """
+
+    parent: str
+    critical_state: int
+    departure: str
+    reason: RejectionReason
+
+
+def augment(
+    demonstrations: DemonstrationReader,
+    annotations: Iterable[Annotation],
+    config: AugmentationConfig,
+    *,
+    artifact: str,
+    seed: int,
+    num_workers: int | None = None,
+    progress: Progress = silent_progress,
+) -> Iterator[Snippet | Rejection]:
+    """Grow demonstrations around their critical states, and yield every attempt in order.
+
+    Critical states are drawn with a probability proportional to one over the number of their snippets so far
+    (which starts at one), the demonstration uniformly. Ends with the snippet that completes
+    ``config.num_snippets``, or after ``config.max_attempts_per_snippet`` times as many attempts.
+
+    Args:
+        demonstrations: Annotated episodes; those that are no success, are not used.
+        annotations: Their critical states.
+        config: What to make.
+        artifact: Id of the demonstrations' artifact, for the parent of every snippet.
+        seed: Root of all draws.
+        num_workers: Threads, each with an environment of its own; one a processor if None.
+        progress: Told of every attempt: snippets so far of those wanted.
+
+    Raises:
+        NothingLeft: If no critical state can be used, or no attempt gave a snippet.
+    """
+    references = find_references(demonstrations, annotations, config, artifact)
+    if not references:
+        raise NothingLeft(
+            "no critical state of a successful demonstration can be augmented; "
+            f"label some by hand, or lower min_confidence (now {config.min_confidence})"
+        )
+    reasons: Counter[str] = Counter()
+    kept = 0
+    for attempt in _attempts(references, config, seed, num_workers):
+        if isinstance(attempt, Snippet):
+            kept += 1
+        else:
+            reasons[attempt.reason] += 1
+        progress(kept, config.num_snippets, attempts=kept + reasons.total())
+        yield attempt
+        if kept == config.num_snippets:
+            return
+    if kept == 0:
+        reason, count = reasons.most_common(1)[0]
+        raise NothingLeft(f"none of {reasons.total()} augmentation attempts succeeded; {count} ended with '{reason}'")
+
+
+def find_references(
+    demonstrations: DemonstrationReader, annotations: Iterable[Annotation], config: AugmentationConfig, artifact: str
+) -> list[Reference]:
+    """References of all trusted critical states of successful demonstrations, in the annotations' order."""
+    references = []
+    for annotation in annotations:
+        if annotation.confidence < config.min_confidence:
+            continue
+        demonstration = demonstrations.read(annotation.episode)
+        if demonstration.record.outcome is Outcome.SUCCESS:
+            references.append(
+                reference_of(
+                    demonstration,
+                    parent=f"{artifact}/{annotation.episode}",
+                    step=annotation.step,
+                    critical_state=annotation.critical_state,
+                    steps_after_gripper_change=config.steps_after_gripper_change,
+                )
+            )
+    return references
+
+
+def _attempts(
+    references: Sequence[Reference], config: AugmentationConfig, seed: int, num_workers: int | None
+) -> Iterator[Snippet | Rejection]:
+    by_state: dict[int, list[Reference]] = {}
+    for reference in references:
+        by_state.setdefault(reference.critical_state, []).append(reference)
+    counts = dict.fromkeys(sorted(by_state), 1)
+
+    def work(env: AssemblyEnv, index: int) -> Snippet | Rejection:
+        rng = stream(seed, "augment", index)
+        return attempt_snippet(env, _draw_reference(by_state, counts, rng), config, rng)
+
+    limit = config.num_snippets * config.max_attempts_per_snippet
+    with EnvironmentPool(references[0].task, num_workers, max_steps=_NO_STEP_LIMIT) as pool:
+        for start in range(0, limit, BLOCK_SIZE):
+            block = list(pool.map(work, range(start, min(start + BLOCK_SIZE, limit))))
+            yield from block
+            for attempt in block:
+                counts[attempt.critical_state] += isinstance(attempt, Snippet)
+
+
+def _draw_reference(
+    by_state: dict[int, list[Reference]], counts: dict[int, int], rng: np.random.Generator
+) -> Reference:
+    states = list(counts)
+    weights = np.array([1.0 / counts[state] for state in states])
+    chosen = by_state[states[rng.choice(len(states), p=weights / weights.sum())]]
+    return chosen[rng.integers(len(chosen))]
+
+
+def attempt_snippet(
+    env: AssemblyEnv, reference: Reference, config: AugmentationConfig, rng: np.random.Generator
+) -> Snippet | Rejection:
+    """Plan, execute and verify one snippet.
+
+    Args:
+        env: Environment of the reference's task without a step limit; its state is replaced.
+        reference: Critical state to return to.
+        config: Ranges and tolerances.
+        rng: Source of the draws.
+    """
+    kind = draw_kind(config.departures, rng)
+    departure = plan_departure(reference.pose, kind, config.departures[kind], rng)
+    result = execute(env, reference, departure)
+    if isinstance(result, Episode):
+        reason = deviation_from_reference(result, reference, config.tolerance)
+        if reason is None and not reproduces(env, result):
+            reason = RejectionReason.NOT_REPRODUCED
+        if reason is None:
+            return _snippet(result, reference, kind)
+        result = reason
+    return Rejection(reference.parent, reference.critical_state, kind, result)
+
+
+def _snippet(episode: Episode, reference: Reference, kind: str) -> Snippet:
+    first = np.asarray(episode.steps["proprioception"][0][:POSE_SIZE], dtype=np.float64)
+    offset = first[:3] - reference.pose[:3]
+    turned = rotation_angle(rot6d_to_matrix(reference.pose[3:]), rot6d_to_matrix(first[3:]))
+    return Snippet(
+        episode=episode,
+        critical_state=reference.critical_state,
+        departure=kind,
+        sideways_m=float(np.linalg.norm(offset[:2])),
+        above_m=float(offset[2]),
+        turned_rad=float(turned),
+    )

@@ -1,0 +1,94 @@
+"""Settings of trajectory augmentation."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+from juicer.config import StrictConfig
+
+
+def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
+    if bounds[0] > bounds[1]:
+        raise ValueError("the lower bound must not exceed the upper bound")
+    return bounds
+
+
+Bound = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Range = Annotated[tuple[Bound, Bound], AfterValidator(_ordered)]
+"""Lower and upper bound of a uniform draw."""
+
+
+class DepartureConfig(StrictConfig):
+    """How the hand is led away from a critical state: up, off into a cone, turned on the spot, partly down again."""
+
+    weight: float = Field(default=1.0, gt=0, description="how often it is drawn, relative to the other kinds")
+    lift_m: Range = Field(description="straight up, before anything else")
+    distance_m: Range = Field(description="length of the move into the cone")
+    polar_deg: Range = Field(description="angle of that move from the vertical; 90 is sideways")
+    rotation_deg: float = Field(ge=0, le=180, description="bound of roll, pitch and yaw about the gripper's axes")
+    descent: Range = Field(default=(0.0, 0.0), description="share of the lift undone at the end; 1 is all of it")
+    step_m: Range = Field(description="travel an action, drawn once a snippet")
+    step_deg: Range = Field(description="turn an action, drawn once a snippet")
+
+
+NEAR = DepartureConfig(
+    lift_m=(0.006, 0.03),
+    distance_m=(0.001, 0.02),
+    polar_deg=(60.0, 90.0),
+    rotation_deg=4.0,
+    descent=(0.0, 1.0),
+    step_m=(0.002, 0.006),
+    step_deg=(2.0, 4.0),
+)
+"""Millimetres beside the goal, sometimes touching there: what a policy meets when it misses."""
+
+FAR = DepartureConfig(
+    lift_m=(0.0, 0.02),
+    distance_m=(0.02, 0.16),
+    polar_deg=(5.0, 75.0),
+    rotation_deg=15.0,
+    step_m=(0.008, 0.014),
+    step_deg=(4.3, 7.5),
+)
+"""The paper's cone, shrunk to where rollouts go astray; the speeds are a demonstrator's."""
+
+PAPER = DepartureConfig(
+    lift_m=(0.0, 0.18),
+    distance_m=(0.2, 0.5),
+    polar_deg=(5.0, 80.0),
+    rotation_deg=180.0,
+    step_m=(0.02, 0.02),
+    step_deg=(7.5, 7.5),
+)
+"""The paper's cone. Its lift is drawn from ten multiples of 2 cm there."""
+
+
+class ToleranceConfig(StrictConfig):
+    """How close the end of a snippet must come to the demonstration (paper: 17 mm, 20 degrees, 5 mm)."""
+
+    position_m: float = Field(default=0.006, gt=0, description="largest distance of a part from where it was")
+    rotation_deg: float = Field(default=20.0, gt=0, description="largest turn of a part from how it was")
+    gripper_width_m: float = Field(default=0.005, gt=0, description="largest difference of the gripper's opening")
+
+
+class AugmentationConfig(StrictConfig):
+    """Which corrective episodes to make, and when to believe one."""
+
+    num_snippets: int = Field(default=96, gt=0, description="corrective episodes wanted")
+    max_attempts_per_snippet: int = Field(default=4, gt=0, description="attempts after which to settle for less")
+    departures: dict[str, DepartureConfig] = Field(default={"near": NEAR, "far": FAR}, min_length=1)
+    steps_after_gripper_change: int = Field(
+        default=5, gt=0, description="where a snippet ends and is checked, after the next gripper change (paper 30)"
+    )
+    tolerance: ToleranceConfig = ToleranceConfig()
+    min_confidence: float = Field(default=0.5, ge=0, le=1, description="proposals below it are not used")
+
+
+PAPER_AUGMENTATION = AugmentationConfig(
+    departures={"paper": PAPER},
+    steps_after_gripper_change=30,
+    tolerance=ToleranceConfig(position_m=0.017),
+)
+"""Ranges and tolerances of the paper."""

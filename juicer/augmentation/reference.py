@@ -1,0 +1,76 @@
+"""What a demonstration did from a critical state on: what a snippet joins and must arrive at."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from juicer.episode import STATE_KEY, Episode
+from juicer.gripper import gripper_commands, next_gripper_change
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The piece of a demonstration from a critical state to where a snippet is checked.
+
+    Attributes:
+        parent: ``<artifact id>/<episode>`` of the demonstration.
+        task: Its assembly task.
+        randomness: Level of its initial state.
+        seed: Its initial-state seed.
+        critical_state: Index of the critical state.
+        state: Simulator state at the critical state.
+        pose: End-effector pose there ``(9,)``.
+        gripper: What the gripper is commanded there: +1 close, -1 open.
+        actions: The demonstration's actions from there to the check ``(T, 10)``.
+        part_poses: Part poses at the check ``(7 * parts,)``.
+        gripper_width_m: Opening of the gripper at the check.
+    """
+
+    parent: str
+    task: str
+    randomness: str
+    seed: int
+    critical_state: int
+    state: NDArray[np.float64]
+    pose: NDArray[np.float32]
+    gripper: float
+    actions: NDArray[np.float32]
+    part_poses: NDArray[np.float32]
+    gripper_width_m: float
+
+
+def reference_of(
+    demonstration: Episode, parent: str, step: int, critical_state: int, steps_after_gripper_change: int
+) -> Reference:
+    """Cut the reference of one critical state out of its demonstration.
+
+    It ends ``steps_after_gripper_change`` actions after the next gripper change, or with the demonstration.
+
+    Args:
+        demonstration: The annotated demonstration.
+        parent: Its name, ``<artifact id>/<episode>``.
+        step: The critical state's step.
+        critical_state: Its index.
+        steps_after_gripper_change: How far to follow.
+    """
+    steps, record = demonstration.steps, demonstration.record
+    actions = np.asarray(steps["action"], dtype=np.float32)
+    change = next_gripper_change(actions, step)
+    end = len(actions) if change is None else min(change + steps_after_gripper_change, len(actions))
+    last = {name: steps[name][end] if end < len(actions) else demonstration.final[name] for name in demonstration.final}
+    return Reference(
+        parent=parent,
+        task=record.task,
+        randomness=record.randomness,
+        seed=record.seed,
+        critical_state=critical_state,
+        state=np.array(steps[STATE_KEY][step], dtype=np.float64),
+        pose=np.array(steps["proprioception"][step][:9], dtype=np.float32),
+        gripper=float(gripper_commands(actions)[step]),
+        actions=actions[step:end].copy(),
+        part_poses=np.array(last["part_poses"], dtype=np.float32),
+        gripper_width_m=float(last["proprioception"][15]),
+    )

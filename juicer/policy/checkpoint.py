@@ -1,0 +1,131 @@
+"""A policy as files: weights in safetensors, everything needed to rebuild it in JSON; nothing is ever unpickled."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from pydantic import ValidationError
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import Tensor
+
+from juicer.config import StrictConfig
+from juicer.errors import InvalidCheckpoint
+from juicer.policy.config import PolicyConfig
+from juicer.policy.features import FeatureSpec
+from juicer.policy.network import PolicyNetwork, build_policy
+from juicer.policy.policy import TrainedPolicy
+
+SCHEMA_VERSION = 1
+POLICY_FILE = "policy.json"
+WEIGHT_FILES = {"raw": "weights.safetensors", "ema": "ema.safetensors"}
+
+
+class CheckpointMetadata(StrictConfig):
+    """Content of ``policy.json``.
+
+    Attributes:
+        schema_version: Layout of the checkpoint folder.
+        policy: What the policy is made of.
+        features: Numbers of the assembly task it was trained for.
+        acting_weights: Which weights act: those of the last step, or their moving average.
+        step: Training steps taken.
+    """
+
+    schema_version: int = SCHEMA_VERSION
+    policy: PolicyConfig
+    features: FeatureSpec
+    acting_weights: Literal["raw", "ema"]
+    step: int
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Weights and what they mean; limits of the normalisers are among the weights.
+
+    Attributes:
+        metadata: Content of ``policy.json``.
+        weights: State of the network after the last step.
+        ema: Moving average of the state, if one was kept.
+    """
+
+    metadata: CheckpointMetadata
+    weights: Mapping[str, Tensor]
+    ema: Mapping[str, Tensor] | None
+
+    def policy(self, threads: int = 1) -> TrainedPolicy:
+        """The policy, ready to act."""
+        weights = self.ema if self.metadata.acting_weights == "ema" else self.weights
+        network = build_policy(self.metadata.policy, self.metadata.features, seed=0)
+        _fill(network, weights or {}, "the checkpoint")
+        return TrainedPolicy(network, threads)
+
+
+def save_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
+    """Write ``policy.json``, ``weights.safetensors`` and, if there is one, ``ema.safetensors``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / POLICY_FILE).write_text(checkpoint.metadata.model_dump_json(indent=2) + "\n")
+    save_file(dict(checkpoint.weights), folder / WEIGHT_FILES["raw"])
+    if checkpoint.ema is not None:
+        save_file(dict(checkpoint.ema), folder / WEIGHT_FILES["ema"])
+
+
+def load_checkpoint(folder: Path) -> Checkpoint:
+    """Read a checkpoint folder.
+
+    Raises:
+        InvalidCheckpoint: If a file is missing or damaged, or of a schema this version cannot read.
+    """
+    metadata = _read_metadata(folder / POLICY_FILE)
+    ema = folder / WEIGHT_FILES["ema"]
+    needs_ema = metadata.acting_weights == "ema"
+    return Checkpoint(
+        metadata=metadata,
+        weights=_read_weights(folder / WEIGHT_FILES["raw"]),
+        ema=_read_weights(ema) if needs_ema or ema.exists() else None,
+    )
+
+
+def load_policy(folder: Path, threads: int = 1) -> TrainedPolicy:
+    """The policy of a checkpoint folder, ready to act.
+
+    Raises:
+        InvalidCheckpoint: See :func:`load_checkpoint`.
+    """
+    return load_checkpoint(folder).policy(threads)
+
+
+def _read_metadata(path: Path) -> CheckpointMetadata:
+    try:
+        content = json.loads(path.read_text())
+    except FileNotFoundError:
+        raise InvalidCheckpoint(f"'{path.parent}' is no checkpoint: it has no {POLICY_FILE}") from None
+    except (OSError, ValueError) as error:
+        raise InvalidCheckpoint(f"'{path}' cannot be read: {error}") from None
+    version = content.get("schema_version") if isinstance(content, dict) else None
+    if version != SCHEMA_VERSION:
+        raise InvalidCheckpoint(f"'{path}' has schema version {version}, this version of juicer reads {SCHEMA_VERSION}")
+    try:
+        return CheckpointMetadata.model_validate(content)
+    except ValidationError as error:
+        problem = error.errors()[0]
+        where = ".".join(str(part) for part in problem["loc"])
+        raise InvalidCheckpoint(f"'{path}' is not valid: {where}: {problem['msg']}") from None
+
+
+def _read_weights(path: Path) -> dict[str, Tensor]:
+    try:
+        return load_file(path)
+    except (OSError, SafetensorError) as error:
+        raise InvalidCheckpoint(f"weights '{path}' cannot be read: {error}") from None
+
+
+def _fill(network: PolicyNetwork, weights: Mapping[str, Tensor], origin: str) -> None:
+    try:
+        network.load_state_dict(dict(weights))
+    except RuntimeError as error:
+        raise InvalidCheckpoint(f"{origin} does not fit its own configuration: {' '.join(str(error).split())}") from None

@@ -1,0 +1,108 @@
+"""What a policy is made of, as configuration."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from juicer.config import StrictConfig
+from juicer.policy.features import StateObservationConfig
+
+UNET_LENGTH_MULTIPLE = 4
+"""The U-Net halves the time axis twice."""
+
+
+class HorizonConfig(StrictConfig):
+    """How many steps a policy sees, predicts and executes; defaults of the paper (Table II)."""
+
+    obs: int = Field(default=1, gt=0, description="T_o, observations shown to the policy")
+    pred: int = Field(default=32, gt=0, description="T_p, actions predicted per call")
+    action: int = Field(default=8, gt=0, description="T_a, actions executed per call")
+
+    @model_validator(mode="after")
+    def _chunk_covers_execution(self) -> Self:
+        if self.obs - 1 + self.action > self.pred:
+            raise ValueError(f"obs - 1 + action must not exceed pred, got {self.obs} - 1 + {self.action} > {self.pred}")
+        return self
+
+
+class UNetConfig(StrictConfig):
+    """1-D U-Net over the action chunk; the defaults are the paper's, 69.12 M parameters."""
+
+    kind: Literal["unet"] = "unet"
+    channels: tuple[int, int, int] = (256, 512, 1024)
+    kernel_size: int = Field(default=5, gt=0)
+    groups: int = Field(default=8, gt=0)
+    step_embedding: int = Field(default=256, gt=0, multiple_of=2)
+
+    @model_validator(mode="after")
+    def _layers_fit(self) -> Self:
+        if self.kernel_size % 2 == 0:
+            raise ValueError(f"kernel_size must be odd to keep the length of the chunk, got {self.kernel_size}")
+        if any(channels % self.groups for channels in self.channels):
+            raise ValueError(f"channels {self.channels} must be multiples of groups, got groups {self.groups}")
+        return self
+
+
+class MLPDenoiserConfig(StrictConfig):
+    """Residual network on the flattened action chunk: the quick denoiser for CPUs."""
+
+    kind: Literal["mlp"] = "mlp"
+    width: int = Field(default=512, gt=0)
+    blocks: int = Field(default=4, gt=0)
+    step_embedding: int = Field(default=64, gt=0, multiple_of=2)
+
+
+class DiffusionConfig(StrictConfig):
+    """Denoising diffusion over action chunks (DDPM training, DDIM sampling)."""
+
+    kind: Literal["diffusion"] = "diffusion"
+    denoiser: Annotated[UNetConfig | MLPDenoiserConfig, Field(discriminator="kind")] = UNetConfig()
+    prediction: Literal["epsilon", "sample"] = Field(
+        default="epsilon", description="what the denoiser predicts: the noise, or the clean chunk itself"
+    )
+    train_timesteps: int = Field(default=100, gt=0)
+    inference_steps: int = Field(default=8, gt=0)
+    spacing: Literal["leading", "trailing"] = Field(
+        default="leading",
+        description="noise levels visited: 'leading' starts below full noise as the original does, 'trailing' at it",
+    )
+
+    @model_validator(mode="after")
+    def _steps_fit(self) -> Self:
+        if self.inference_steps > self.train_timesteps:
+            raise ValueError(
+                f"inference_steps must not exceed train_timesteps, got {self.inference_steps} > {self.train_timesteps}"
+            )
+        return self
+
+
+class MLPConfig(StrictConfig):
+    """Regression baseline; the defaults are the paper's. Unchunked is ``horizons: {pred: 1, action: 1}``."""
+
+    kind: Literal["mlp"] = "mlp"
+    width: int = Field(default=1024, gt=0)
+    blocks: int = Field(default=5, gt=0)
+    dropout: float = Field(default=0.1, ge=0, lt=1)
+
+
+class PolicyConfig(StrictConfig):
+    """A policy: what it observes, over which horizons, and how it chooses actions."""
+
+    horizons: HorizonConfig = HorizonConfig()
+    action_frame: Literal["absolute", "relative"] = Field(
+        default="absolute",
+        description="actions as targets in the robot base frame, or relative to the current end effector",
+    )
+    observation: StateObservationConfig = StateObservationConfig()
+    head: Annotated[DiffusionConfig | MLPConfig, Field(discriminator="kind")] = DiffusionConfig()
+
+    @model_validator(mode="after")
+    def _unet_can_halve_the_chunk(self) -> Self:
+        unet = self.head.kind == "diffusion" and self.head.denoiser.kind == "unet"
+        if unet and self.horizons.pred % UNET_LENGTH_MULTIPLE:
+            raise ValueError(
+                f"a U-Net needs horizons.pred to be a multiple of {UNET_LENGTH_MULTIPLE}, got {self.horizons.pred}"
+            )
+        return self

@@ -1,0 +1,88 @@
+"""Denoising diffusion over action chunks: DDPM training, deterministic DDIM sampling.
+
+Ho et al. 2020; squared-cosine schedule of Nichol and Dhariwal 2021; sampler of Song et al. 2021 with eta 0.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from juicer.policy.config import DiffusionConfig, UNetConfig
+from juicer.policy.denoiser import Denoiser
+from juicer.policy.head import ActionHead
+from juicer.policy.mlp_denoiser import MLPDenoiser
+from juicer.policy.unet import UNetDenoiser
+
+COSINE_OFFSET = 0.008
+LARGEST_BETA = 0.999
+
+
+def signal_levels(train_timesteps: int) -> Tensor:
+    """Cumulative signal power alpha_bar ``(train_timesteps,)`` in double precision, from nearly one to nearly zero."""
+
+    def signal(time: float) -> float:
+        return math.cos((time + COSINE_OFFSET) / (1 + COSINE_OFFSET) * math.pi / 2) ** 2
+
+    kept = [
+        1 - min(1 - signal((step + 1) / train_timesteps) / signal(step / train_timesteps), LARGEST_BETA)
+        for step in range(train_timesteps)
+    ]
+    return torch.tensor(kept, dtype=torch.float64).cumprod(0)
+
+
+def sampling_steps(config: DiffusionConfig) -> list[int]:
+    """Noise levels that the sampler visits, from high to low."""
+    if config.spacing == "leading":
+        stride = config.train_timesteps // config.inference_steps
+        return [stride * index for index in reversed(range(config.inference_steps))]
+    stretch = config.train_timesteps / config.inference_steps
+    return [round(config.train_timesteps - stretch * index) - 1 for index in range(config.inference_steps)]
+
+
+class DiffusionHead(ActionHead):
+    """Conditional diffusion over normalised action chunks."""
+
+    def __init__(self, pred_horizon: int, action_size: int, condition_size: int, config: DiffusionConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.denoiser = _build_denoiser(pred_horizon, action_size, condition_size, config)
+        levels = signal_levels(config.train_timesteps)
+        self.signal_scale: Tensor
+        self.noise_scale: Tensor
+        self.register_buffer("signal_scale", levels.sqrt().float(), persistent=False)
+        self.register_buffer("noise_scale", (1 - levels).sqrt().float(), persistent=False)
+
+    def compute_loss(self, condition: Tensor, chunk: Tensor) -> Tensor:
+        """Squared error of the predicted noise, or of the predicted chunk, at one random noise level a sample."""
+        noise = torch.randn_like(chunk)
+        step = torch.randint(self.config.train_timesteps, (len(chunk),), device=chunk.device)
+        noisy = self.signal_scale[step, None, None] * chunk + self.noise_scale[step, None, None] * noise
+        target = noise if self.config.prediction == "epsilon" else chunk
+        return functional.mse_loss(self.denoiser(noisy, step, condition).float(), target, reduction="none")
+
+    def sample(self, condition: Tensor, noise: Tensor) -> Tensor:
+        """Walk from noise to a chunk within [-1, 1]."""
+        chunk, steps = noise, sampling_steps(self.config)
+        for step, next_step in zip(steps, [*steps[1:], None], strict=True):
+            signal_scale, noise_scale = self.signal_scale[step], self.noise_scale[step]
+            output = self.denoiser(chunk, torch.full((len(noise),), step, device=noise.device), condition)
+            if self.config.prediction == "epsilon":
+                clean = ((chunk - noise_scale * output) / signal_scale).clamp(-1, 1)
+            else:
+                clean = output.clamp(-1, 1)
+            if next_step is None:
+                return clean
+            # The noise that is consistent with the clipped chunk, so that clipping is never undone.
+            remaining = (chunk - signal_scale * clean) / noise_scale
+            chunk = self.signal_scale[next_step] * clean + self.noise_scale[next_step] * remaining
+        return chunk
+
+
+def _build_denoiser(pred_horizon: int, action_size: int, condition_size: int, config: DiffusionConfig) -> Denoiser:
+    if isinstance(config.denoiser, UNetConfig):
+        return UNetDenoiser(action_size, condition_size, config.denoiser)
+    return MLPDenoiser(pred_horizon, action_size, condition_size, config.denoiser)

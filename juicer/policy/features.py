@@ -1,0 +1,124 @@
+"""State features: what a network is shown of proprioception and part poses.
+
+A difference of 2 mm is 0.007 of a workspace scaled to [-1, 1], invisible to a smooth network, while insertion
+is decided by it. The relative poses that decide are therefore shown again in saturated fine-scale copies,
+tanh(x / scale). They are functions of the observed poses and nothing more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal, NamedTuple, Self
+
+import torch
+from pydantic import Field, model_validator
+from torch import Tensor
+
+from juicer.config import StrictConfig
+from juicer.episode import PROPRIOCEPTION_SIZE
+from juicer.policy.rotations import matrix_to_rot6d, quat_to_matrix, rot6d_to_matrix, rotate_back
+
+POSITION = slice(0, 3)
+ROTATION = slice(3, 9)
+"""Where end-effector position (m) and rotation (6D) stand in proprioception, and the target's in an action."""
+
+
+class StateObservationConfig(StrictConfig):
+    """How finely relative poses are shown."""
+
+    fine_scales_m: tuple[float, ...] = Field(default=(0.003, 0.01, 0.04), description="saturation lengths of offsets")
+    tilt_scale: float = Field(default=0.05, gt=0, description="saturation of the sine of a tilt")
+    clip: float = Field(default=1.5, ge=1, description="bound of normalised features, whose training range is [-1, 1]")
+
+
+class PairSpec(StrictConfig):
+    """Two parts that are to be joined.
+
+    Attributes:
+        first: Index of the part that receives.
+        second: Index of the part that is moved.
+        target: Assembled pose ``(7,)`` of the second part in the frame of the first: metres, quaternion wxyz.
+        axis: Axis of the second part along which it is inserted and about which it is screwed.
+    """
+
+    first: int = Field(ge=0)
+    second: int = Field(ge=0)
+    target: tuple[float, float, float, float, float, float, float]
+    axis: Literal["x", "y", "z"] = "y"
+
+
+class FeatureSpec(StrictConfig):
+    """The numbers of an assembly task that the features need."""
+
+    num_parts: int = Field(gt=0)
+    pairs: tuple[PairSpec, ...]
+
+    @model_validator(mode="after")
+    def _pairs_name_parts(self) -> Self:
+        for pair in self.pairs:
+            if max(pair.first, pair.second) >= self.num_parts:
+                raise ValueError(f"pair ({pair.first}, {pair.second}) names a part beyond num_parts={self.num_parts}")
+        return self
+
+
+class _Pose(NamedTuple):
+    position: Tensor
+    matrix: Tensor
+
+    def seen_from(self, frame: _Pose) -> _Pose:
+        offset = rotate_back(frame.matrix, self.position - frame.position)
+        return _Pose(offset, frame.matrix.transpose(-1, -2) @ self.matrix)
+
+    def numbers(self) -> list[Tensor]:
+        return [self.position, matrix_to_rot6d(self.matrix)]
+
+
+def observation_sizes(spec: FeatureSpec) -> dict[str, int]:
+    """Length of each observation array that the features are made of."""
+    return {"proprioception": PROPRIOCEPTION_SIZE, "part_poses": 7 * spec.num_parts}
+
+
+def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config: StateObservationConfig) -> Tensor:
+    """Features ``(..., F)`` of observations ``(..., D)``; the first 16 are the proprioception itself.
+
+    For every pair follow: both parts' poses in the robot base frame; both seen from the gripper; the second
+    part seen from its target in the first; and the fine-scale copies of those offsets, of the second part's
+    axis as seen from the gripper and from the target, with its twist about that axis as sine and cosine.
+    """
+    proprioception = observations["proprioception"]
+    gripper = _Pose(proprioception[..., POSITION], rot6d_to_matrix(proprioception[..., ROTATION]))
+    features = [proprioception]
+    for pair in spec.pairs:
+        features += _pair_features(gripper, observations["part_poses"], pair, config)
+    return torch.cat(features, dim=-1)
+
+
+def _pair_features(gripper: _Pose, part_poses: Tensor, pair: PairSpec, config: StateObservationConfig) -> list[Tensor]:
+    first, second = _part_pose(part_poses, pair.first), _part_pose(part_poses, pair.second)
+    first_seen, second_seen = first.seen_from(gripper), second.seen_from(gripper)
+    target = part_poses.new_tensor(pair.target)
+    joint = second.seen_from(first).seen_from(_Pose(target[:3], quat_to_matrix(target[3:])))
+    poses = (first, second, first_seen, second_seen, joint)
+    offsets = torch.cat([first_seen.position, second_seen.position, joint.position], dim=-1)
+    axis = "xyz".index(pair.axis)
+    axes = torch.cat([second_seen.matrix[..., :, axis], joint.matrix[..., :, axis]], dim=-1)
+    return [
+        *(number for pose in poses for number in pose.numbers()),
+        *(torch.tanh(offsets / scale_m) for scale_m in config.fine_scales_m),
+        torch.tanh(axes / config.tilt_scale),
+        _twist(joint.matrix, axis),
+    ]
+
+
+def _part_pose(part_poses: Tensor, index: int) -> _Pose:
+    pose = part_poses[..., 7 * index : 7 * index + 7]
+    return _Pose(pose[..., :3], quat_to_matrix(pose[..., 3:]))
+
+
+def _twist(matrix: Tensor, axis: int) -> Tensor:
+    """Sine and cosine ``(..., 2)`` of the rotation about one axis (swing-twist decomposition)."""
+    right, up = (axis + 1) % 3, (axis + 2) % 3
+    cosine = matrix[..., right, right] + matrix[..., up, up]
+    sine = matrix[..., up, right] - matrix[..., right, up]
+    # Both vanish only for a part turned upside down, where the twist is undefined.
+    return torch.stack([sine, cosine], dim=-1) / torch.hypot(sine, cosine).clamp_min(1e-6).unsqueeze(-1)

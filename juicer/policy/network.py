@@ -1,0 +1,73 @@
+"""A whole policy as one network: observations in, absolute action chunks out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor, nn
+
+from juicer.episode import ACTION_SIZE
+from juicer.policy.actions import action_frame
+from juicer.policy.config import DiffusionConfig, PolicyConfig
+from juicer.policy.diffusion import DiffusionHead
+from juicer.policy.encoder import Prepared, StateEncoder
+from juicer.policy.features import FeatureSpec
+from juicer.policy.head import ActionHead
+from juicer.policy.mlp import MLPHead
+from juicer.policy.normalizer import Normalizer
+
+
+class PolicyNetwork(nn.Module):
+    """Encoder, action frame, normaliser and head.
+
+    Actions are ``(B, T_p, 10)`` and start with the first observed step; ``absolute`` means as recorded,
+    ``chunk`` means in the policy's own frame and normalised.
+    """
+
+    def __init__(self, config: PolicyConfig, spec: FeatureSpec) -> None:
+        super().__init__()
+        self.config = config
+        self.spec = spec
+        self.frame = action_frame(config.action_frame)
+        self.encoder = StateEncoder(spec, config.observation, config.horizons.obs)
+        self.action_normalizer = Normalizer((ACTION_SIZE,))
+        self.head = _build_head(config, self.encoder.condition_size)
+
+    @property
+    def num_parameters(self) -> int:
+        """Number of learned weights."""
+        return sum(parameter.numel() for parameter in self.parameters())
+
+    def encode_actions(self, absolute: Tensor, proprioception: Tensor) -> Tensor:
+        """Chunks of absolute actions, given the proprioception ``(B, 16)`` of the current step."""
+        return self.action_normalizer.normalize(self.frame.encode(absolute, proprioception))
+
+    def decode_actions(self, chunk: Tensor, proprioception: Tensor) -> Tensor:
+        """Inverse of :meth:`encode_actions`."""
+        return self.frame.decode(self.action_normalizer.denormalize(chunk), proprioception)
+
+    def compute_loss(self, prepared: Prepared, chunk: Tensor) -> Tensor:
+        """Loss of every entry ``(B, T_p, 10)``; draws noise from torch's global random state."""
+        return self.head.compute_loss(self.encoder(prepared), chunk)
+
+    def act(self, prepared: Prepared, proprioception: Tensor, noise: Tensor) -> Tensor:
+        """Absolute actions ``(B, T_p, 10)`` from prepared observations and noise ``(B, T_p, 10)``."""
+        return self.decode_actions(self.head.sample(self.encoder(prepared), noise), proprioception)
+
+    def predict(self, observations: Mapping[str, Tensor], noise: Tensor) -> Tensor:
+        """Absolute actions ``(B, T_p, 10)`` from raw observations ``(B, T_o, D)``."""
+        return self.act(self.encoder.prepare(observations), observations["proprioception"][:, -1], noise)
+
+
+def build_policy(config: PolicyConfig, spec: FeatureSpec, seed: int) -> PolicyNetwork:
+    """Network whose initial weights depend only on the seed; torch's global random state is left as it was."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return PolicyNetwork(config, spec)
+
+
+def _build_head(config: PolicyConfig, condition_size: int) -> ActionHead:
+    if isinstance(config.head, DiffusionConfig):
+        return DiffusionHead(config.horizons.pred, ACTION_SIZE, condition_size, config.head)
+    return MLPHead(config.horizons.pred, ACTION_SIZE, condition_size, config.head)

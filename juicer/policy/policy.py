@@ -1,0 +1,94 @@
+"""A trained policy, ready to act: arrays in, arrays out, reproducible row by row."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from juicer.episode import ACTION_SIZE
+from juicer.errors import InvalidObservation
+from juicer.policy.compute import compute_settings
+from juicer.policy.network import PolicyNetwork
+
+INFERENCE_ROWS = 16
+"""Rows of every batch that goes through the network.
+
+Matrix products may differ in their last digits between batch sizes. Each batch is therefore filled up to this
+size, so that what a row yields never depends on how many others are asked for beside it.
+"""
+
+
+class TrainedPolicy:
+    """Acts on batches of observations with fixed weights."""
+
+    def __init__(self, network: PolicyNetwork, threads: int = 1) -> None:
+        self._network = network.eval().requires_grad_(False)
+        self._threads = threads
+
+    @property
+    def obs_horizon(self) -> int:
+        """T_o, observations that :meth:`predict` wants to see."""
+        return self._network.config.horizons.obs
+
+    @property
+    def action_horizon(self) -> int:
+        """T_a, actions that :meth:`predict` returns."""
+        return self._network.config.horizons.action
+
+    def predict(
+        self, observations: Mapping[str, NDArray[Any]], streams: Sequence[np.random.Generator]
+    ) -> NDArray[np.float32]:
+        """Next actions of N episodes.
+
+        Args:
+            observations: ``proprioception`` ``(N, 16)`` and ``part_poses`` ``(N, 7 P)``; with ``T_o`` above one
+                the last ``T_o`` of them, oldest first, ``(N, T_o, D)``.
+            streams: One generator an episode, from which the noise of its row is drawn.
+
+        Returns:
+            Absolute actions ``(N, T_a, 10)``, robot base frame; a row depends on nothing but its own
+            observation and stream.
+
+        Raises:
+            InvalidObservation: If an array is missing, has another shape, or holds a non-finite value.
+        """
+        rows = self._checked(observations, len(streams))
+        horizons = self._network.config.horizons
+        shape = (horizons.pred, ACTION_SIZE)
+        noise = np.stack([stream.standard_normal(shape, dtype=np.float32) for stream in streams])
+        first = horizons.obs - 1
+        actions = np.empty((len(streams), horizons.action, ACTION_SIZE), dtype=np.float32)
+        with torch.inference_mode(), compute_settings(self._threads, "highest"):
+            for start in range(0, len(streams), INFERENCE_ROWS):
+                batch = slice(start, min(start + INFERENCE_ROWS, len(streams)))
+                padded = {name: torch.from_numpy(_fill_up(values[batch])) for name, values in rows.items()}
+                chunk = self._network.predict(padded, torch.from_numpy(_fill_up(noise[batch])))
+                actions[batch] = chunk[: batch.stop - start, first : first + horizons.action].numpy()
+        return actions
+
+    def _checked(self, observations: Mapping[str, NDArray[Any]], num_rows: int) -> dict[str, NDArray[np.float32]]:
+        rows = {}
+        for name, size in self._network.encoder.sizes.items():
+            if name not in observations:
+                raise InvalidObservation(f"the policy needs '{name}', got only {sorted(observations)}")
+            values = np.asarray(observations[name], dtype=np.float32)
+            if self.obs_horizon == 1 and values.ndim == 2:
+                values = values[:, None]
+            expected = (num_rows, self.obs_horizon, size)
+            if values.shape != expected:
+                raise InvalidObservation(
+                    f"'{name}' must have shape {expected} (streams, T_o, size), got {np.shape(observations[name])}"
+                )
+            if not np.isfinite(values).all():
+                raise InvalidObservation(f"'{name}' holds NaN or infinite values")
+            rows[name] = values
+        return rows
+
+
+def _fill_up(rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    """``INFERENCE_ROWS`` rows, the last one repeated."""
+    return np.concatenate([rows, np.repeat(rows[-1:], INFERENCE_ROWS - len(rows), axis=0)])

@@ -1,0 +1,183 @@
+"""Let a policy act: many environments at once, each episode as if it ran alone.
+
+The simulator and the policy meet only here, through the :class:`Policy` protocol.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from juicer.episode import ACTION_SIZE, OBSERVATION_KEYS, Episode, EpisodeRecord, Outcome, Source
+from juicer.errors import ConfigError, InvalidAction
+from juicer.progress import Progress, silent_progress
+from juicer.seeding import stream
+from juicer.sim.env import AssemblyEnv
+from juicer.sim.recorder import EpisodeRecorder
+
+
+class Policy(Protocol):
+    """Anything that turns observations into action chunks."""
+
+    @property
+    def action_horizon(self) -> int:
+        """Actions of a chunk that are executed before the next one is asked for (T_a)."""
+        ...
+
+    def predict(
+        self, observations: Mapping[str, NDArray[np.float32]], streams: Sequence[np.random.Generator]
+    ) -> NDArray[np.floating[Any]]:
+        """Action chunks ``(N, at least T_a, 10)``, absolute, for observations ``(N, ...)``.
+
+        A row must depend on its own observation and its own stream only, never on N or its neighbours.
+        """
+        ...
+
+
+def rollout(
+    policy: Policy,
+    task: str,
+    randomness: str,
+    seeds: Iterable[int],
+    *,
+    num_envs: int,
+    max_steps: int | None = None,
+    policy_id: str | None = None,
+    root_seed: int = 0,
+    stop_after_successes: int | None = None,
+    num_workers: int | None = None,
+    progress: Progress = silent_progress,
+) -> Iterator[Episode]:
+    """Run one episode for every initial-state seed and yield them in the order of the seeds.
+
+    All running episodes share one policy call a turn, then each executes its own chunk in its own thread
+    (MuJoCo steps without the interpreter lock). What an episode holds depends on the policy, the seed and
+    ``root_seed`` alone: not on ``num_envs``, ``num_workers`` or the other seeds.
+
+    Args:
+        policy: What acts.
+        task: Assembly task, e.g. ``one_leg``.
+        randomness: Level of the initial states: ``low``, ``med`` or ``high``.
+        seeds: Initial-state seeds; read lazily, so an endless iterator will do with ``stop_after_successes``.
+        num_envs: Environments that run side by side.
+        max_steps: Steps after which an episode ends as ``timeout``; the task's own limit if None.
+        policy_id: Recorded in every episode.
+        root_seed: Root of the policy's noise, one stream an episode.
+        stop_after_successes: Yield nothing after this many successes. Counted in the order of the seeds, so
+            the episodes are the same however many ran ahead.
+        num_workers: Threads that step environments; as many as there are processors if None.
+        progress: Told of every yielded episode; its total is 0 while the number of seeds is not known.
+
+    Raises:
+        ConfigError: If ``num_envs`` is not positive.
+        InvalidAction: If the policy returns chunks of a wrong shape, or an action the environment refuses.
+    """
+    if num_envs < 1:
+        raise ConfigError(f"num_envs must be at least 1, got {num_envs}")
+    total = len(seeds) if isinstance(seeds, Sequence) else 0
+    envs = [AssemblyEnv(task, randomness, max_steps=max_steps) for _ in range(min(num_envs, total or num_envs))]
+    pool = ThreadPoolExecutor(num_workers or min(len(envs), os.cpu_count() or 1))
+    done = successes = 0
+    try:
+        for episode in _in_order(_run(policy, envs, seeds, pool, root_seed, policy_id, stop_after_successes)):
+            done += 1
+            successes += episode.record.outcome is Outcome.SUCCESS
+            progress(done, total, successes=successes)
+            yield episode
+            if stop_after_successes is not None and successes >= stop_after_successes:
+                return
+    finally:
+        pool.shutdown()
+        for env in envs:
+            env.close()
+
+
+class _RunningEpisode:
+    """An environment, the episode that runs in it, and the episode's own noise."""
+
+    def __init__(self, env: AssemblyEnv, index: int, seed: int, root_seed: int) -> None:
+        env.reset(seed=seed)
+        self.env = env
+        self.index = index
+        self.seed = seed
+        self.recorder = EpisodeRecorder(env)
+        self.noise = stream(root_seed, "rollout", seed)
+
+    def execute(self, chunk: NDArray[np.floating[Any]]) -> None:
+        for action in chunk:
+            self.recorder.step(action)
+            if self.recorder.done:
+                return
+
+    def finish(self, policy_id: str | None) -> Episode:
+        info = self.recorder.info
+        record = EpisodeRecord(
+            source=Source.ROLLOUT,
+            task=self.env.task.name,
+            randomness=self.env.randomness.value,
+            seed=self.seed,
+            outcome=Outcome(info["outcome"]),
+            parts_assembled=int(info["parts_assembled"]),
+            milestones=dict(info["milestones"]),
+            policy=policy_id,
+        )
+        return self.recorder.episode(record)
+
+
+def _run(
+    policy: Policy,
+    envs: Sequence[AssemblyEnv],
+    seeds: Iterable[int],
+    pool: ThreadPoolExecutor,
+    root_seed: int,
+    policy_id: str | None,
+    stop_after_successes: int | None,
+) -> Iterator[tuple[int, Episode]]:
+    """Yield episodes with their place among the seeds, as they end."""
+    waiting = enumerate(seeds)
+    successes = 0
+    idle = list(envs)
+    running: list[_RunningEpisode] = []
+    while True:
+        starts = list(zip(idle, waiting, strict=False))
+        running += pool.map(lambda start: _RunningEpisode(start[0], *start[1], root_seed), starts)
+        if not running:
+            return
+        list(pool.map(_RunningEpisode.execute, running, _predict(policy, running)))
+        ended = [episode for episode in running if episode.recorder.done]
+        successes += sum(episode.recorder.info["outcome"] is Outcome.SUCCESS for episode in ended)
+        yield from ((episode.index, episode.finish(policy_id)) for episode in ended)
+        if stop_after_successes is not None and successes >= stop_after_successes:
+            # The last success that counts is among those finished or running: later seeds cannot matter.
+            waiting = enumerate(())
+        running = [episode for episode in running if not episode.recorder.done]
+        idle = idle[len(starts) :] + [episode.env for episode in ended]
+
+
+def _predict(policy: Policy, running: Sequence[_RunningEpisode]) -> NDArray[np.floating[Any]]:
+    """One chunk of ``action_horizon`` actions for every running episode: ``(N, T_a, 10)``."""
+    observations = {
+        name: np.stack([episode.recorder.observation[name] for episode in running]) for name in OBSERVATION_KEYS
+    }
+    chunks = policy.predict(observations, [episode.noise for episode in running])
+    horizon = policy.action_horizon
+    if chunks.ndim != 3 or len(chunks) != len(running) or chunks.shape[1] < horizon or chunks.shape[2] != ACTION_SIZE:
+        expected = f"({len(running)}, at least {horizon}, {ACTION_SIZE})"
+        raise InvalidAction(f"the policy returned action chunks of shape {chunks.shape}, but {expected} is needed")
+    return chunks[:, :horizon]
+
+
+def _in_order(indexed: Iterator[tuple[int, Episode]]) -> Iterator[Episode]:
+    """Hold episodes back until all before them are out."""
+    held: dict[int, Episode] = {}
+    due = 0
+    for index, episode in indexed:
+        held[index] = episode
+        while due in held:
+            yield held.pop(due)
+            due += 1

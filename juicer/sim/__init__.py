@@ -1,0 +1,1 @@
+"""Contact-rich furniture assembly in MuJoCo."""

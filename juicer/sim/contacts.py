@@ -1,0 +1,55 @@
+"""What may touch what, and how much it rubs.
+
+MuJoCo mixes the friction of two geoms by their maximum, PhysX by their mean. Every pair's value is therefore
+set explicitly through priorities: the geom of higher priority decides alone. The values are the means that
+FurnitureBench's settings give in PhysX (parts 0.15, table 0.10, everything else 1.0):
+
+=========  ==================  ========
+decides    pair                friction
+=========  ==================  ========
+fingers    finger, anything    0.575
+fixture    fence, part         0.575
+table      table, part         0.125
+part       part, part; thread  0.15
+=========  ==================  ========
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+# Solids collide with all solids. Beads meet only beads and bores: the helix inside a hole lies behind the
+# bore's own wall, where a peg of the nominal radius cannot reach it.
+SOLID, BEAD = 1, 2
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Contact properties of a geom."""
+
+    friction: float
+    priority: int
+    condim: int
+    contype: int = SOLID
+    conaffinity: int = SOLID
+
+    def attributes(self) -> dict[str, Any]:
+        """Keyword arguments for ``add_geom``; torsional and rolling friction as lengths [m]."""
+        return {
+            "friction": (self.friction, 0.003, 1e-4),
+            "priority": self.priority,
+            "condim": self.condim,
+            "contype": self.contype,
+            "conaffinity": self.conaffinity,
+        }
+
+
+PART = Surface(friction=0.15, priority=0, condim=3)
+BORE_WALL = Surface(friction=0.15, priority=0, condim=3, contype=SOLID | BEAD, conaffinity=SOLID | BEAD)
+PEG_BEAD = Surface(friction=0.15, priority=0, condim=3, contype=BEAD, conaffinity=BEAD)
+HOLE_BEAD = Surface(friction=0.15, priority=0, condim=3, contype=BEAD, conaffinity=BEAD)
+TABLE = Surface(friction=0.125, priority=1, condim=3)
+FIXTURE = Surface(friction=0.575, priority=2, condim=3)
+ARM = Surface(friction=0.575, priority=2, condim=3, contype=0, conaffinity=SOLID)
+FINGER = Surface(friction=0.575, priority=3, condim=4)

@@ -1,0 +1,129 @@
+"""End-effector controller: a 10-D pose target becomes joint targets for the arm's position servos.
+
+Differential inverse kinematics (damped least squares with a pull towards the reset posture) runs once an action
+on a model of the bare arm; the joint targets then move linearly over the action's 0.1 s. How far a target may lead
+the measured pose is bounded, so that no command can wind up force: the servo pushes in proportion to the lead.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from juicer.episode import ACTION_SIZE
+from juicer.errors import InvalidAction
+from juicer.geometry import rot6d_to_matrix
+from juicer.sim.panda import END_EFFECTOR_SITE, GRIP_FORCE_N, RESET_JOINTS_RAD
+from juicer.sim.scene import build_arm
+
+MAX_LEAD_M = 0.025
+"""The paper's teleoperation clips a step at 2.5 cm; 20 degrees is its bound on rotation."""
+MAX_LEAD_RAD = np.deg2rad(20.0)
+GRIPPER_DEAD_ZONE = 0.02
+NUM_ARM_JOINTS = 7
+
+_ITERATIONS = 8
+_TOLERANCE = 1e-5
+_DAMPING = 1e-3
+_POSTURE_GAIN = 0.02
+_MAX_JOINT_STEP_RAD = 0.35
+
+
+def validate_action(action: NDArray[np.floating]) -> NDArray[np.float64]:
+    """The action as it is executed: rounded to float32, so that a stored action replays exactly.
+
+    Raises:
+        InvalidAction: If it is not a finite vector of 10 entries with a proper 6D rotation.
+    """
+    values = np.asarray(action, dtype=np.float32)
+    if values.shape != (ACTION_SIZE,):
+        raise InvalidAction(f"an action must have shape ({ACTION_SIZE},), got {values.shape}")
+    if not np.isfinite(values).all():
+        raise InvalidAction(f"an action must be finite, got {values.tolist()}")
+    return values.astype(np.float64)
+
+
+class EndEffectorController:
+    """Solves inverse kinematics for one robot. Holds no state from one action to the next."""
+
+    def __init__(self) -> None:
+        """Build the arm model."""
+        self._model = build_arm()
+        self._data = mujoco.MjData(self._model)
+        self._site = self._model.site(END_EFFECTOR_SITE).id
+        self._jacobian = np.zeros((6, self._model.nv))
+        self._limits = self._model.jnt_range[:NUM_ARM_JOINTS].T.copy()
+
+    def joint_targets(self, action: NDArray[np.float64], joints_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Joint angles ``(7,)`` that bring the end effector towards the action's pose.
+
+        Args:
+            action: Validated action ``(10,)``: position [m] and 6D rotation in the robot base frame.
+            joints_rad: Present joint angles ``(7,)``.
+
+        Raises:
+            InvalidAction: If the 6D rotation is degenerate.
+        """
+        rotation = rot6d_to_matrix(action[3:9])
+        joints = joints_rad.copy()
+        self._forward(joints)
+        position, matrix = self._data.site_xpos[self._site], self._data.site_xmat[self._site].reshape(3, 3)
+        goal_position = position + _shortened(action[:3] - position, MAX_LEAD_M)
+        turn = _shortened(_rotation_error(rotation, matrix), MAX_LEAD_RAD)
+        goal_rotation = _rotation(turn) @ matrix
+        return self._solve(joints, goal_position, goal_rotation)
+
+    def _forward(self, joints: NDArray[np.float64]) -> None:
+        self._data.qpos[:NUM_ARM_JOINTS] = joints
+        mujoco.mj_kinematics(self._model, self._data)
+
+    def _solve(
+        self, joints: NDArray[np.float64], position: NDArray[np.float64], rotation: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        data, jacobian = self._data, self._jacobian
+        error = np.empty(6)
+        for _ in range(_ITERATIONS):
+            error[:3] = position - data.site_xpos[self._site]
+            error[3:] = _rotation_error(rotation, data.site_xmat[self._site].reshape(3, 3))
+            if error @ error < _TOLERANCE**2:
+                break
+            mujoco.mj_comPos(self._model, data)
+            mujoco.mj_jacSite(self._model, data, jacobian[:3], jacobian[3:], self._site)
+            arm = jacobian[:, :NUM_ARM_JOINTS]
+            posture = _POSTURE_GAIN * (RESET_JOINTS_RAD - joints)
+            gram = arm @ arm.T
+            gram[np.diag_indices(6)] += _DAMPING**2
+            step = posture + arm.T @ np.linalg.solve(gram, error - arm @ posture)
+            joints = np.clip(joints + np.clip(step, -_MAX_JOINT_STEP_RAD, _MAX_JOINT_STEP_RAD), *self._limits)
+            self._forward(joints)
+        return joints
+
+
+def grip_command(action: NDArray[np.float64], last: float) -> float:
+    """Gripper force [N]: closing is negative; inside the dead zone the last command stays."""
+    gripper = action[9]
+    if abs(gripper) <= GRIPPER_DEAD_ZONE:
+        return last
+    return -GRIP_FORCE_N if gripper > 0 else GRIP_FORCE_N
+
+
+def _shortened(vector: NDArray[np.float64], longest: float) -> NDArray[np.float64]:
+    length = float(np.sqrt(vector @ vector))
+    return vector if length <= longest else vector * (longest / length)
+
+
+def _rotation_error(goal: NDArray[np.float64], present: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation vector in the base frame that turns ``present`` into ``goal`` [rad]."""
+    quat, rotvec = np.empty(4), np.empty(3)
+    mujoco.mju_mat2Quat(quat, (goal @ present.T).ravel())
+    mujoco.mju_quat2Vel(rotvec, quat, 1.0)
+    return rotvec
+
+
+def _rotation(rotvec: NDArray[np.float64]) -> NDArray[np.float64]:
+    angle = float(np.sqrt(rotvec @ rotvec))
+    quat, matrix = np.empty(4), np.empty(9)
+    mujoco.mju_axisAngle2Quat(quat, rotvec / angle if angle > 0 else np.array([1.0, 0.0, 0.0]), angle)
+    mujoco.mju_quat2Mat(matrix, quat)
+    return matrix.reshape(3, 3)

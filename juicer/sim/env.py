@@ -1,0 +1,250 @@
+"""The assembly environment: robot, parts and contact physics behind Gymnasium's interface.
+
+Everything shown is in the robot base frame: x forward, y to the robot's left, z up, metres; the table's surface lies
+at z = -0.015. Part poses are ``(position, quaternion wxyz)`` of the part frames defined in :mod:`juicer.tasks`.
+One step is exactly 0.1 s of simulated time.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from juicer.episode import ACTION_SIZE, PROPRIOCEPTION_SIZE, Outcome
+from juicer.errors import JuicerError
+from juicer.geometry import matrix_to_rot6d
+from juicer.seeding import stream
+from juicer.sim.controller import EndEffectorController, grip_command, validate_action
+from juicer.sim.initial_states import initial_part_poses
+from juicer.sim.panda import END_EFFECTOR_SITE, FINGER_JOINTS, GRIP_FORCE_N, RESET_JOINTS_RAD
+from juicer.sim.progress import is_assembled, milestones_reached
+from juicer.sim.rendering import CameraRenderer
+from juicer.sim.scene import FRONT_CAMERA, build_spec
+from juicer.sim.state import SimulatorState
+from juicer.tasks.registry import get_task
+from juicer.tasks.specification import TABLE_HEIGHT_M, Randomness
+
+CONTROL_HZ = 10
+TARGET_UPDATES = 10
+SUBSTEPS_PER_UPDATE = 5
+SETTLING_S = 0.3
+NUM_ARM_JOINTS = len(RESET_JOINTS_RAD)
+# A part this far below the table's surface has fallen off it.
+_LOST_BELOW_M = TABLE_HEIGHT_M - 0.05
+_DIVERGED_SPEED = 200.0
+
+Observation = dict[str, NDArray[np.float32]]
+
+
+@lru_cache(maxsize=8)
+def compiled_model(task_name: str) -> mujoco.MjModel:
+    """Model of a task, compiled once; models are never written to."""
+    return build_spec(get_task(task_name)).compile()
+
+
+class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
+    """One robot assembling one piece of furniture.
+
+    Observation: ``proprioception`` (16) and ``part_poses`` (7 a part), see :mod:`juicer.episode`.
+    Action: absolute end-effector target (position, 6D rotation, gripper), shape (10,).
+    Reward: number of pairs assembled for the first time in the step. Ends when all pairs are assembled, a part has
+    fallen off the table, or the simulation diverged; ``info["outcome"]`` says which.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": CONTROL_HZ}  # noqa: RUF012 (Gymnasium's own protocol)
+
+    def __init__(
+        self,
+        task: str = "one_leg",
+        randomness: str = "low",
+        render_mode: str | None = None,
+        max_steps: int | None = None,
+    ) -> None:
+        """Build the scene; ``max_steps`` defaults to the task's own limit.
+
+        Raises:
+            ConfigError: If the task is unknown.
+        """
+        self.task = get_task(task)
+        self.randomness = Randomness(randomness)
+        self.render_mode = render_mode
+        self.max_steps = max_steps or self.task.max_steps
+        self.model = compiled_model(task)
+        self.data = mujoco.MjData(self.model)
+        self._controller = EndEffectorController()
+        self._progress = np.zeros(1 + len(self.task.pairs) + len(self.task.milestones))
+        self._state = SimulatorState(self.model, self._progress.size)
+        self._renderer: CameraRenderer | None = None
+        self._index_model()
+        self.action_space = spaces.Box(-np.inf, np.inf, (ACTION_SIZE,), np.float32)
+        self.observation_space = spaces.Dict(
+            {
+                "proprioception": spaces.Box(-np.inf, np.inf, (PROPRIOCEPTION_SIZE,), np.float32),
+                "part_poses": spaces.Box(-np.inf, np.inf, (7 * len(self.task.parts),), np.float32),
+            }
+        )
+
+    def _index_model(self) -> None:
+        model = self.model
+        self._site = model.site(END_EFFECTOR_SITE).id
+        self._fingers = np.array([model.joint(name).qposadr[0] for name in FINGER_JOINTS])
+        first = model.joint(self.task.parts[0].name).qposadr[0]
+        self._parts = slice(first, first + 7 * len(self.task.parts))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode; the initial state depends on ``seed`` alone."""
+        super().reset(seed=seed)
+        seed = int(self.np_random.integers(2**31)) if seed is None else seed
+        poses = initial_part_poses(self.task, self.randomness, stream(seed, "initial_state"))
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:NUM_ARM_JOINTS] = self.data.ctrl[:NUM_ARM_JOINTS] = RESET_JOINTS_RAD
+        self.data.qpos[self._fingers] = self.task.gripper_width_m / 2
+        self.data.ctrl[NUM_ARM_JOINTS] = GRIP_FORCE_N
+        self.data.qpos[self._parts] = poses.ravel()
+        mujoco.mj_step(self.model, self.data, round(SETTLING_S / self.model.opt.timestep))
+        self.data.time = 0.0
+        self._progress[:] = -1
+        self._progress[: 1 + len(self.task.pairs)] = 0
+        self._measure()
+        return self.observation(), self._info()
+
+    def step(self, action: NDArray[np.floating]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Move for 0.1 s.
+
+        Raises:
+            InvalidAction: If the action is not finite, has a wrong shape or encodes no rotation; nothing has moved.
+        """
+        values = validate_action(action)
+        data = self.data
+        start = data.ctrl[:NUM_ARM_JOINTS].copy()
+        goal = self._controller.joint_targets(values, data.qpos[:NUM_ARM_JOINTS])
+        data.ctrl[NUM_ARM_JOINTS] = grip_command(values, float(data.ctrl[NUM_ARM_JOINTS]))
+        for update in range(1, TARGET_UPDATES + 1):
+            data.ctrl[:NUM_ARM_JOINTS] = start + (goal - start) * (update / TARGET_UPDATES)
+            mujoco.mj_step(self.model, data, SUBSTEPS_PER_UPDATE)
+        self._progress[0] += 1
+        reward = 0.0 if self._has_diverged() else self._measure()
+        info = self._info()
+        outcome = info["outcome"]
+        truncated = outcome is Outcome.TIMEOUT
+        return self.observation(), reward, outcome is not None and not truncated, truncated, info
+
+    def observation(self) -> Observation:
+        """What a policy may see of the present state."""
+        data, site = self.data, self._site
+        velocity = np.empty(6)
+        mujoco.mj_objectVelocity(self.model, data, mujoco.mjtObj.mjOBJ_SITE, site, velocity, 0)
+        rotation = data.site_xmat[site].reshape(3, 3)
+        width = data.qpos[self._fingers].sum(keepdims=True)
+        proprioception = np.concatenate(
+            [data.site_xpos[site], matrix_to_rot6d(rotation), velocity[3:], velocity[:3], width]
+        )
+        return {
+            "proprioception": proprioception.astype(np.float32),
+            "part_poses": data.qpos[self._parts].astype(np.float32),
+        }
+
+    def get_state(self) -> NDArray[np.float64]:
+        """Everything that decides the future, as a vector; see :meth:`set_state`."""
+        return self._state.read(self.data, self._progress)
+
+    def set_state(self, state: NDArray[np.float64]) -> None:
+        """Continue exactly (bit for bit) from a state that :meth:`get_state` returned.
+
+        Raises:
+            InvalidEpisode: If the state belongs to another scene.
+        """
+        self._state.write(self.data, self._progress, state)
+
+    def contact_pairs(self) -> frozenset[tuple[str, str]]:
+        """Names of touching things, each pair sorted; links of the gripper count as ``gripper``."""
+        contacts = self.data.contact
+        bodies = self.model.geom_bodyid[contacts.geom[contacts.dist <= 0.0]]
+        return frozenset(tuple(sorted((self._body_name(first), self._body_name(second)))) for first, second in bodies)
+
+    def render(self) -> NDArray[np.uint8]:
+        """Picture ``(480, 640, 3)`` of the front camera.
+
+        Raises:
+            RenderingUnavailable: If no OpenGL platform can draw.
+        """
+        return self.render_camera(FRONT_CAMERA, 640, 480)
+
+    def render_camera(self, camera: str, width: int, height: int) -> NDArray[np.uint8]:
+        """Picture ``(height, width, 3)`` of a named camera, ``front`` or ``wrist``."""
+        if self._renderer is None:
+            self._renderer = CameraRenderer(self.model)
+        return self._renderer.draw(self.data, camera, width, height)
+
+    def close(self) -> None:
+        """Free the renderer."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def _measure(self) -> float:
+        """Bring derived positions up to date, latch pairs and milestones, and return the reward."""
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_comVel(self.model, self.data)
+        poses = self.data.qpos[self._parts].reshape(-1, 7)
+        pairs = len(self.task.pairs)
+        assembled = self._progress[1 : 1 + pairs]
+        reward = 0.0
+        for index, pair in enumerate(self.task.pairs):
+            if not assembled[index] and is_assembled(pair, poses):
+                assembled[index] = 1
+                reward += 1.0
+        first_steps = self._progress[1 + pairs :]
+        reached = np.array(milestones_reached(self.task, poses, bool(assembled.all())))
+        first_steps[reached & (first_steps < 0)] = self._progress[0]
+        return reward
+
+    def _has_diverged(self) -> bool:
+        return not bool(np.abs(self.data.qvel).max() < _DIVERGED_SPEED)  # NaN compares false
+
+    def _outcome(self) -> Outcome | None:
+        if self._has_diverged():
+            return Outcome.DIVERGED
+        if self._progress[1 : 1 + len(self.task.pairs)].all():
+            return Outcome.SUCCESS
+        heights = self.data.qpos[self._parts].reshape(-1, 7)[:, 2]
+        if (heights < _LOST_BELOW_M).any():
+            return Outcome.PART_LOST
+        return Outcome.TIMEOUT if self._progress[0] >= self.max_steps else None
+
+    def _info(self) -> dict[str, Any]:
+        pairs = len(self.task.pairs)
+        first_steps = self._progress[1 + pairs :]
+        return {
+            "outcome": self._outcome(),
+            "parts_assembled": int(self._progress[1 : 1 + pairs].sum()),
+            "milestones": {
+                name: int(step) for name, step in zip(self.task.milestones, first_steps, strict=True) if step >= 0
+            },
+        }
+
+    def _body_name(self, body: int) -> str:
+        name = self.model.body(body).name
+        if name.startswith(("panda_hand", "panda_finger")):
+            return "gripper"
+        return "arm" if name.startswith("panda") else name
+
+
+def make_env(task: str, randomness: str, max_steps: int | None = None) -> AssemblyEnv:
+    """Environment with the names checked, for command lines and stages.
+
+    Raises:
+        JuicerError: If task or randomness is unknown.
+    """
+    if randomness not in set(Randomness):
+        raise JuicerError(f"unknown randomness '{randomness}'; valid: {', '.join(Randomness)}")
+    return AssemblyEnv(task, randomness, max_steps=max_steps)

@@ -1,0 +1,1 @@
+"""Assembly tasks as plain data: parts, threads, start poses, and when they count as assembled."""

@@ -1,0 +1,22 @@
+"""Tasks by name."""
+
+from __future__ import annotations
+
+from juicer.errors import ConfigError, did_you_mean
+from juicer.tasks.one_leg import ONE_LEG
+from juicer.tasks.specification import AssemblyTask
+
+_TASKS = {task.name: task for task in (ONE_LEG,)}
+TASK_NAMES = tuple(_TASKS)
+
+
+def get_task(name: str) -> AssemblyTask:
+    """Specification of the task called ``name``.
+
+    Raises:
+        ConfigError: If there is no such task.
+    """
+    try:
+        return _TASKS[name]
+    except KeyError:
+        raise ConfigError(f"unknown task '{name}'{did_you_mean(name, _TASKS)}") from None
