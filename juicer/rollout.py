@@ -139,13 +139,18 @@ def _run(
     stop_after_successes: int | None,
 ) -> Iterator[tuple[int, Episode]]:
     """Yield episodes with their place among the seeds, as they end."""
+
+    def begin(start: tuple[AssemblyEnv, tuple[int, int]]) -> _RunningEpisode:
+        env, (index, seed) = start
+        return _RunningEpisode(env, index, seed, root_seed)
+
     waiting = enumerate(seeds)
     successes = 0
     idle = list(envs)
     running: list[_RunningEpisode] = []
     while True:
         starts = list(zip(idle, waiting, strict=False))
-        running += pool.map(lambda start: _RunningEpisode(start[0], *start[1], root_seed), starts)
+        running += pool.map(begin, starts)
         if not running:
             return
         list(pool.map(_RunningEpisode.execute, running, _predict(policy, running)))

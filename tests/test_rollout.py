@@ -1,0 +1,150 @@
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from juicer.episode import STATE_KEY, Episode, Outcome, Source
+from juicer.errors import ConfigError, InvalidAction
+from juicer.rollout import rollout
+from juicer.sim.env import AssemblyEnv
+
+
+class Wanderer:
+    """Moves about where it is, with noise from each episode's own stream."""
+
+    action_horizon = 3
+
+    def __init__(self) -> None:
+        self.rows: list[int] = []
+
+    def predict(
+        self, observations: Mapping[str, NDArray[np.float32]], streams: Sequence[np.random.Generator]
+    ) -> NDArray[np.float64]:
+        proprioception = observations["proprioception"]
+        self.rows.append(len(proprioception))
+        chunks = np.repeat(np.append(proprioception[:, :9], np.ones((len(streams), 1)), axis=1)[:, None], 4, axis=1)
+        for chunk, noise in zip(chunks, streams, strict=True):
+            chunk[:, :3] += noise.normal(0, 0.01, (4, 3))
+        return chunks
+
+
+class ScriptedEnv(AssemblyEnv):
+    """Ends after ``3 + seed`` steps: odd seeds succeed, the others lose a part."""
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        self.seed, self.taken = seed or 0, 0
+        return super().reset(seed=seed)
+
+    def step(self, action: NDArray[np.floating[Any]]) -> Any:
+        observation, reward, *_, info = super().step(action)
+        self.taken += 1
+        if self.taken < 3 + self.seed:
+            return observation, reward, False, False, info
+        info["outcome"] = Outcome.SUCCESS if self.seed % 2 else Outcome.PART_LOST
+        return observation, reward, True, False, info
+
+
+def run(seeds: Sequence[int], **settings: Any) -> list[Episode]:
+    settings = {"num_envs": 2, "max_steps": 8} | settings
+    return list(rollout(Wanderer(), "one_leg", "low", seeds, **settings))
+
+
+def assert_identical(first: Episode, second: Episode) -> None:
+    assert first.record == second.record
+    for name in first.steps:
+        np.testing.assert_array_equal(first.steps[name], second.steps[name], err_msg=name)
+    for name in first.final:
+        np.testing.assert_array_equal(first.final[name], second.final[name], err_msg=name)
+
+
+def test_episodes_come_in_the_order_of_the_seeds_and_say_who_acted():
+    episodes = run([7, 3, 5], policy_id="0123")
+    assert [episode.record.seed for episode in episodes] == [7, 3, 5]
+    assert {episode.record.policy for episode in episodes} == {"0123"}
+    assert all(episode.record.source is Source.ROLLOUT for episode in episodes)
+    assert all(episode.record.outcome is Outcome.TIMEOUT and len(episode) == 8 for episode in episodes)
+
+
+@pytest.mark.parametrize(("num_envs", "num_workers"), [(1, 1), (3, 2), (5, 1)])
+def test_an_episode_does_not_depend_on_what_runs_beside_it(num_envs: int, num_workers: int):
+    alone = run([4], num_envs=1)[0]
+    beside = run([1, 4, 2, 3], num_envs=num_envs, num_workers=num_workers)[1]
+    assert_identical(alone, beside)
+
+
+def test_a_reused_environment_leaves_no_trace(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("juicer.rollout.AssemblyEnv", ScriptedEnv)
+    for first, second in zip(run([6, 1, 4, 2], num_envs=1), run([6, 1, 4, 2], num_envs=3), strict=True):
+        assert_identical(first, second)
+
+
+def test_the_root_seed_decides_the_noise():
+    first, second = run([4], root_seed=0)[0], run([4], root_seed=1)[0]
+    np.testing.assert_array_equal(first.steps[STATE_KEY][0], second.steps[STATE_KEY][0])
+    assert not np.array_equal(first.steps["action"], second.steps["action"])
+
+
+def test_every_recorded_state_replays_to_the_end_of_the_episode():
+    episode = run([2])[0]
+    env = AssemblyEnv("one_leg")
+    env.set_state(episode.steps[STATE_KEY][3])
+    for action in episode.steps["action"][3:]:
+        env.step(action)
+    np.testing.assert_array_equal(env.get_state(), episode.final[STATE_KEY])
+
+
+def test_each_step_holds_what_was_seen_before_its_action():
+    episode = run([2])[0]
+    env = AssemblyEnv("one_leg")
+    for step in (0, 4):
+        env.set_state(episode.steps[STATE_KEY][step])
+        np.testing.assert_array_equal(env.observation()["proprioception"], episode.steps["proprioception"][step])
+
+
+def test_episodes_of_every_outcome_are_kept(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("juicer.rollout.AssemblyEnv", ScriptedEnv)
+    episodes = run([0, 1, 2])
+    assert [episode.record.outcome for episode in episodes] == [Outcome.PART_LOST, Outcome.SUCCESS, Outcome.PART_LOST]
+    assert [len(episode) for episode in episodes] == [3, 4, 5]
+
+
+@pytest.mark.parametrize("num_envs", [1, 3, 6])
+def test_collection_stops_at_the_same_seed_however_many_run_ahead(num_envs: int, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("juicer.rollout.AssemblyEnv", ScriptedEnv)
+    seeds = [8, 3, 6, 1, 2, 5, 7]
+    episodes = run(seeds, num_envs=num_envs, stop_after_successes=2)
+    assert [episode.record.seed for episode in episodes] == [8, 3, 6, 1]
+
+
+def test_no_episode_is_begun_that_cannot_matter(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("juicer.rollout.AssemblyEnv", ScriptedEnv)
+    policy = Wanderer()
+    list(rollout(policy, "one_leg", "low", [8, 1, 2, 3, 4, 5, 6], num_envs=2, stop_after_successes=1))
+    assert policy.rows == [2, 2, 1, 1]
+
+
+def test_progress_hears_of_every_episode():
+    heard: list[tuple[int, int]] = []
+    run([1, 2, 3], progress=lambda done, total, **_: heard.append((done, total)))
+    assert heard == [(1, 3), (2, 3), (3, 3)]
+
+
+def test_no_seeds_give_no_episodes():
+    assert run([]) == []
+
+
+def test_a_policy_whose_chunks_are_too_short_is_refused():
+    class Hasty(Wanderer):
+        action_horizon = 5
+
+    with pytest.raises(InvalidAction, match=r"at least 5, 10"):
+        list(rollout(Hasty(), "one_leg", "low", [1], num_envs=1))
+
+
+def test_rollout_needs_an_environment():
+    with pytest.raises(ConfigError, match="num_envs must be at least 1, got 0"):
+        run([1], num_envs=0)
