@@ -1,0 +1,174 @@
+"""Claims about seed ranges, intervals and comparisons."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import binomtest
+
+from juicer.errors import ConfigError
+from juicer.evaluation import (
+    SEED_RANGES,
+    ConditionResult,
+    ModelResult,
+    Purpose,
+    check_seeds,
+    claim,
+    compare,
+    hierarchical_interval,
+    markdown_table,
+    mcnemar_p_value,
+    milestone_counts,
+    summarise,
+    wilson_interval,
+)
+from juicer.seeding import stream
+
+
+def result(seed: int, successes: str, first_state: int = 0) -> ModelResult:
+    """Model result from a string of ``1`` for success and ``0`` for failure."""
+    states = tuple(range(first_state, first_state + len(successes)))
+    return ModelResult(seed=seed, initial_states=states, successes=tuple(letter == "1" for letter in successes))
+
+
+def test_no_initial_state_belongs_to_two_purposes():
+    ranges = sorted(SEED_RANGES.values(), key=lambda owned: owned.start)
+    assert all(left.stop <= right.start for left, right in pairwise(ranges))
+    assert set(SEED_RANGES) == set(Purpose)
+
+
+def test_pre_registered_evaluation_states_have_not_moved():
+    assert claim(Purpose.EVALUATION, 0, 100) == range(3_000_000, 3_000_100)
+
+
+def test_claim_takes_a_purpose_by_name():
+    assert claim("collection", 5, 2) == range(1_000_005, 1_000_007)
+
+
+@pytest.mark.parametrize(("start", "count"), [(-1, 1), (0, 0), (0, 1_000_001), (999_999, 2)])
+def test_claim_refuses_to_leave_the_range(start: int, count: int):
+    with pytest.raises(ConfigError, match="positions are 0 to 999999"):
+        claim(Purpose.COLLECTION, start, count)
+
+
+def test_claim_suggests_the_nearest_purpose():
+    with pytest.raises(ConfigError, match="did you mean 'evaluation'"):
+        claim("evalutaion", 0, 1)
+
+
+def test_a_seed_of_another_purpose_is_refused():
+    check_seeds(Purpose.DEMONSTRATIONS, range(3))
+    with pytest.raises(ConfigError, match="seed 3000000 must not be used for demonstrations"):
+        check_seeds(Purpose.DEMONSTRATIONS, [1, 3_000_000])
+
+
+@given(trials=st.integers(1, 400), share=st.floats(0, 1))
+def test_wilson_interval_agrees_with_scipy(trials: int, share: float):
+    successes = round(share * trials)
+    expected = binomtest(successes, trials).proportion_ci(method="wilson")
+    assert wilson_interval(successes, trials) == pytest.approx((expected.low, expected.high), abs=1e-9)
+
+
+@pytest.mark.parametrize(("trials", "points"), [(50, 13), (100, 9.5), (500, 4.3)])
+def test_wilson_half_width_at_59_percent(trials: int, points: float):
+    low, high = wilson_interval(round(0.59 * trials), trials)
+    assert 50 * (high - low) == pytest.approx(points, abs=0.3)
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(0, 0), (3, 2), (-1, 2)])
+def test_wilson_interval_needs_a_rate(successes: int, trials: int):
+    with pytest.raises(ValueError, match="no rate"):
+        wilson_interval(successes, trials)
+
+
+def test_interval_of_one_model_is_wilsons():
+    assert hierarchical_interval([59], [100], stream(0)) == wilson_interval(59, 100)
+
+
+def test_disagreeing_models_widen_the_interval():
+    agreeing = hierarchical_interval([50] * 5, [100] * 5, stream(0))
+    disagreeing = hierarchical_interval([20, 35, 50, 65, 80], [100] * 5, stream(0))
+    assert disagreeing[0] < agreeing[0] < 0.5 < agreeing[1] < disagreeing[1]
+
+
+def test_interval_of_models_that_always_fail_is_not_empty():
+    low, high = hierarchical_interval([0, 0], [100, 100], stream(0))
+    assert low == 0
+    assert high == pytest.approx(wilson_interval(0, 200)[1])
+
+
+def test_hierarchical_interval_covers_the_true_rate():
+    rng = np.random.default_rng(0)
+    covered = 0
+    for _ in range(200):
+        rates = np.clip(rng.normal(0.6, 0.08, 5), 0, 1)
+        low, high = hierarchical_interval(list(rng.binomial(50, rates)), [50] * 5, rng, draws=500)
+        covered += low <= 0.6 <= high
+    # Five models bound what a bootstrap can do: its nominal 95 % is nearer 90 % then.
+    assert covered >= 170
+
+
+def test_row_has_average_best_and_counts_as_table_vi_does():
+    row = summarise("TA", [result(0, "1100"), result(1, "1110")])
+    assert (row.average, row.best, row.num_models, row.num_episodes) == (0.625, 0.75, 2, 8)
+    assert row.interval[0] < row.average < row.interval[1]
+
+
+def test_average_counts_models_alike_whatever_their_number_of_episodes():
+    assert summarise("TA", [result(0, "1"), result(1, "000")]).average == 0.5
+
+
+def test_the_same_models_give_the_same_interval():
+    models = [result(0, "110010"), result(1, "111010")]
+    assert summarise("TA", models) == summarise("TA", models)
+
+
+def test_result_needs_an_outcome_for_each_initial_state():
+    with pytest.raises(ValueError, match="each of its initial states"):
+        ModelResult(seed=0, initial_states=(1, 2), successes=(True,))
+
+
+@given(first_only=st.integers(0, 60), second_only=st.integers(0, 60))
+def test_mcnemar_agrees_with_the_binomial_test(first_only: int, second_only: int):
+    discordant = first_only + second_only
+    expected = binomtest(first_only, discordant).pvalue if discordant else 1.0
+    assert mcnemar_p_value(first_only, second_only) == pytest.approx(expected)
+
+
+def test_comparison_pairs_episodes_by_model_and_initial_state():
+    bc = summarise("BC", [result(0, "1000"), result(1, "0100")])
+    ta = summarise("TA", [result(1, "0111"), result(0, "1110")])
+    comparison = compare(bc, ta)
+    assert (comparison.first_only, comparison.second_only, comparison.num_pairs) == (0, 4, 8)
+    assert comparison.difference == 0.5
+    assert comparison.p_value == pytest.approx(0.125)
+
+
+def test_comparison_leaves_out_models_without_a_partner():
+    assert (
+        compare(summarise("BC", [result(0, "10")]), summarise("TA", [result(0, "11"), result(1, "11")])).num_pairs == 2
+    )
+
+
+def test_different_initial_states_cannot_be_compared():
+    with pytest.raises(ConfigError, match="different initial states"):
+        compare(summarise("BC", [result(0, "10")]), summarise("TA", [result(0, "10", first_state=7)]))
+
+
+def test_conditions_without_a_common_seed_cannot_be_compared():
+    with pytest.raises(ConfigError, match="no training seed in common"):
+        compare(summarise("BC", [result(0, "10")]), summarise("TA", [result(1, "10")]))
+
+
+def test_milestones_are_counted_in_the_tasks_order():
+    reached = [{"lifted": 9}, {"lifted": 4, "inserted": 30}, {}]
+    assert list(milestone_counts(reached, ("lifted", "inserted")).items()) == [("lifted", 2), ("inserted", 1)]
+
+
+def test_table_states_interval_models_and_episodes():
+    table = markdown_table([ConditionResult("BC", (result(0, "1110"), result(1, "1000")), (0.21, 0.79))])
+    assert table.splitlines()[-1] == "| BC | 50% | 21% to 79% | 75% | 2 | 8 |"
