@@ -4,31 +4,37 @@ from __future__ import annotations
 
 import hashlib
 import os
+import stat
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from juicer.artifacts.manifest import MANIFEST_NAME, FileEntry
+from juicer.errors import ArtifactError
+
+
+class DamageError(Exception):
+    """Files of an artifact are not what they should be; the message is a clause that names the file."""
 
 
 def describe_files(folder: Path) -> tuple[FileEntry, ...]:
-    """Hash every file below ``folder`` except its manifest, sorted by path."""
-    return tuple(_describe(folder, path) for path in sorted(_payload(folder)))
+    """Hash every file below ``folder`` except its manifest, sorted by path.
+
+    Raises:
+        ArtifactError: If something else than plain files is there, which no hash could vouch for.
+    """
+    paths = sorted(_payload(folder))
+    for path in paths:
+        if not _is_plain(folder / path):
+            raise ArtifactError(f"'{path}' cannot be part of an artifact: only plain files can")
+    return tuple(_describe(folder, path) for path in paths)
 
 
 def find_problems(folder: Path, expected: Sequence[FileEntry]) -> list[str]:
     """Compare a folder with the files it should hold; every difference is one clause that names the file."""
-    present = set(_payload(folder))
-    problems = []
-    for entry in expected:
-        if entry.path not in present:
-            problems.append(f"file '{entry.path}' is missing")
-        elif (size := (folder / entry.path).stat().st_size) != entry.bytes:
-            problems.append(f"file '{entry.path}' has {size} bytes instead of {entry.bytes}")
-        elif _describe(folder, entry.path) != entry:
-            problems.append(f"file '{entry.path}' has other content than when it was written")
     known = {entry.path for entry in expected}
-    problems += [f"file '{path}' does not belong to it" for path in sorted(present - known)]
-    return problems
+    extra = sorted(set(_payload(folder)) - known)
+    problems = [problem for entry in expected if (problem := _find_problem(folder, entry))]
+    return problems + [f"file '{path}' does not belong to it" for path in extra]
 
 
 def sync_tree(folder: Path) -> None:
@@ -48,12 +54,34 @@ def sync(path: Path) -> None:
         os.close(descriptor)
 
 
+def _find_problem(folder: Path, entry: FileEntry) -> str | None:
+    path = folder / entry.path
+    try:
+        if not _is_plain(path):
+            return f"file '{entry.path}' was replaced by something else"
+        if (size := path.stat().st_size) != entry.bytes:
+            return f"file '{entry.path}' has {size} bytes instead of {entry.bytes}"
+        if _describe(folder, entry.path) != entry:
+            return f"file '{entry.path}' has other content than when it was written"
+    except (FileNotFoundError, NotADirectoryError):
+        return f"file '{entry.path}' is missing"
+    except OSError as error:
+        return f"file '{entry.path}' cannot be read ({error.strerror})"
+    return None
+
+
 def _payload(folder: Path) -> Iterator[str]:
-    for parent, _, names in os.walk(folder):
-        for name in names:
+    """POSIX paths of all that is neither a folder nor the manifest."""
+    for parent, folders, names in os.walk(folder):
+        links = [name for name in folders if Path(parent, name).is_symlink()]
+        for name in names + links:
             path = Path(parent, name).relative_to(folder).as_posix()
             if path != MANIFEST_NAME:
                 yield path
+
+
+def _is_plain(path: Path) -> bool:
+    return stat.S_ISREG(path.lstat().st_mode)
 
 
 def _describe(folder: Path, path: str) -> FileEntry:

@@ -9,12 +9,12 @@ import os
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from datetime import datetime
 from typing import Any
 
 from juicer import __version__
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
+from juicer.config import canonical_json
 
 SCHEMA_VERSION = 1
 MANIFEST_NAME = "manifest.json"
@@ -59,7 +59,7 @@ class Manifest:
         return self.recipe.ref
 
     @property
-    def bytes(self) -> int:
+    def num_bytes(self) -> int:
         """Size of all files."""
         return sum(entry.bytes for entry in self.files)
 
@@ -81,30 +81,29 @@ class Manifest:
             "finished": self.finished,
             "seconds": self.seconds,
         }
-        body["sha256"] = hashlib.sha256(_render(body).encode()).hexdigest()
-        return _render(body)
+        return _seal(body)
 
     @classmethod
     def from_text(cls, text: str) -> Manifest:
         """Read a manifest.
 
         Raises:
-            ValueError: If the text is not exactly what :meth:`to_text` wrote.
+            ValueError: If the text is not exactly what :meth:`to_text` wrote, or has another schema version.
         """
         try:
             body = json.loads(text)
-            if body["schema_version"] != SCHEMA_VERSION:
-                raise ValueError(f"it has schema version {body['schema_version']}, this juicer reads {SCHEMA_VERSION}")
-            manifest = cls(
-                recipe=Recipe.from_json(body["recipe"]),
-                files=tuple(FileEntry(**entry) for entry in body["files"]),
-                **{key: body[key] for key in ("summary", "host", "started", "finished", "seconds")},
-            )
-        except (KeyError, TypeError, AttributeError, json.JSONDecodeError):
+            version, _ = body["schema_version"], body.pop("sha256")
+        except (KeyError, TypeError, json.JSONDecodeError):
             raise ValueError("it is not a manifest") from None
-        if manifest.to_text() != text:
+        if version != SCHEMA_VERSION:
+            raise ValueError(f"it has schema version {version}, this juicer reads {SCHEMA_VERSION}")
+        if _seal(body) != text:
             raise ValueError("its text does not match its checksum")
-        return manifest
+        return cls(
+            recipe=Recipe.from_json(body.pop("recipe")),
+            files=tuple(FileEntry(**entry) for entry in body.pop("files")),
+            **body,
+        )
 
 
 def describe_host() -> dict[str, Any]:
@@ -116,11 +115,6 @@ def describe_host() -> dict[str, Any]:
         "cpus": os.cpu_count(),
         "juicer": __version__,
     }
-
-
-def timestamp(moment: datetime) -> str:
-    """ISO 8601 with offset, to the millisecond."""
-    return moment.astimezone().isoformat(timespec="milliseconds")
 
 
 def plain(value: Any) -> Any:
@@ -136,5 +130,7 @@ def plain(value: Any) -> Any:
     return value
 
 
-def _render(body: Mapping[str, Any]) -> str:
-    return json.dumps(body, indent=1, sort_keys=True, allow_nan=False) + "\n"
+def _seal(body: Mapping[str, Any]) -> str:
+    """The one text of a manifest: it holds its own SHA-256, so that no byte of it can change unnoticed."""
+    digest = hashlib.sha256(canonical_json(body).encode()).hexdigest()
+    return json.dumps({**body, "sha256": digest}, indent=1, sort_keys=True, allow_nan=False) + "\n"

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
-import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+from juicer.artifacts.backend import Backend
 from juicer.artifacts.draft import Draft
-from juicer.artifacts.integrity import describe_files
-from juicer.artifacts.local import LocalStore, delete_tree
-from juicer.artifacts.manifest import Manifest, describe_host, plain, timestamp
+from juicer.artifacts.integrity import DamageError, describe_files
+from juicer.artifacts.local import LocalBackend
+from juicer.artifacts.manifest import Manifest, describe_host, plain
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import KINDS, ArtifactRef
+from juicer.artifacts.workspace import delete_tree, discard_tree
 from juicer.artifacts.writing import explained
 from juicer.errors import ArtifactNotFound, DamagedArtifact, WrongArtifactKind, did_you_mean
 
@@ -24,65 +26,73 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, init=False)
 class ArtifactStore:
-    """Immutable artifacts, each under the id of its recipe. Cheap to pickle: it holds only where it is."""
+    """Immutable artifacts, each under the id of its recipe. Cheap to pickle: it holds only where it is.
+
+    Attributes:
+        url: Absolute path of a local folder, or a URL such as ``s3://bucket/prefix``.
+        cache: Local folder for work in progress and verified copies; a local store is its own.
+    """
 
     url: str
+    cache: Path
 
-    def __init__(self, url: str | Path) -> None:
-        """Point at a store.
+    def __init__(self, url: str | Path, cache: Path | None = None) -> None:
+        """Point at a store; a folder is created with its first artifact.
 
         Args:
-            url: Local folder; it is created with the first artifact.
+            url: Local folder, or any URL that fsspec understands; credentials come from the environment.
+            cache: For a URL, where local copies go; by default a folder in the user's cache.
         """
-        object.__setattr__(self, "url", str(Path(url).absolute()))
+        url = str(url).removeprefix("file://")
+        if "://" in url:
+            name = hashlib.sha256(url.encode()).hexdigest()[:16]
+            cache = cache or Path.home() / ".cache" / "juicer" / name
+        else:
+            url = str(Path(url).absolute())
+            cache = Path(url)
+        object.__setattr__(self, "url", url)
+        object.__setattr__(self, "cache", cache.absolute())
 
     @property
-    def _local(self) -> LocalStore:
-        return LocalStore(Path(self.url))
+    def _backend(self) -> Backend:
+        local = LocalBackend(self.cache)
+        if "://" not in self.url:
+            return local
+        # Imported late: fsspec and its protocols cost every command of a local store nothing.
+        from juicer.artifacts.remote import RemoteBackend
+
+        return RemoteBackend(self.url, local)
 
     def find(self, recipe: Recipe) -> ArtifactRef | None:
         """The artifact that the recipe makes, if it was made before."""
-        return recipe.ref if self._local.exists(recipe.ref) else None
+        return recipe.ref if self._backend.exists(recipe.ref) else None
 
     @contextmanager
     def create(self, recipe: Recipe) -> Iterator[Draft]:
         """Make the artifact of a recipe: fill the draft inside the block, it is committed at the end of the block.
 
-        At a failure, or a kill at any moment, the artifact is absent. Whoever needs an id that is being made
-        waits, and then gets a draft that is ``adopted``.
+        At a failure, or a kill at any moment, the artifact is absent; what the block left in the draft's scratch
+        is there for the next attempt. Whoever needs an id that is being made waits, and then gets a draft that is
+        ``adopted``.
 
         Raises:
-            StoreNotWritable: If the disk refuses a write, in the block or at the commit.
+            StoreNotWritable: If a write is refused, in the block or at the commit.
         """
-        local, ref = self._local, recipe.ref
-        with explained(local.root), local.lock(ref.id):
-            if local.exists(ref):
-                yield Draft(ref, local.folder(ref), local.scratch(ref.id), adopted=True)
-                return
-            delete_tree(local.draft(ref.id))
-            local.sweep()
-            draft = Draft(ref, local.draft(ref.id), local.scratch(ref.id))
-            draft.path.mkdir(parents=True)
-            draft.scratch.mkdir(parents=True, exist_ok=True)
-            started, clock = datetime.now(), time.monotonic()
-            try:
+        backend, ref = self._backend, recipe.ref
+        with explained(self.cache), backend.work.lock(ref.id):
+            draft = Draft(ref, backend.work.draft(ref.id), backend.work.scratch(ref.id))
+            if backend.recover(ref):
+                draft.adopted = True
                 yield draft
-                manifest = Manifest(
-                    recipe=recipe,
-                    files=describe_files(draft.path),
-                    summary=plain(draft.summary),
-                    host=describe_host(),
-                    started=timestamp(started),
-                    finished=timestamp(datetime.now()),
-                    seconds=round(time.monotonic() - clock, 3),
-                )
-                local.commit(draft.path, manifest)
-            except BaseException:
+            else:
+                backend.check_writable()
                 delete_tree(draft.path)
-                if not any(draft.scratch.iterdir()):
-                    draft.scratch.rmdir()
-                raise
-            delete_tree(draft.scratch)
+                backend.work.sweep({done.id for done in LocalBackend(self.cache).refs(KINDS)})
+                with _discarded_on_failure(draft):
+                    started = datetime.now().astimezone()
+                    yield draft
+                    backend.commit(draft.path, _describe(draft, recipe, started))
+            discard_tree(draft.scratch)
 
     def open(self, ref: ArtifactRef, kind: str | None = None) -> Path:
         """Folder of an artifact, after every file was found to be as it was written.
@@ -93,9 +103,8 @@ class ArtifactStore:
             DamagedArtifact: If a file is missing, altered or does not belong to it.
         """
         self._check_kind(ref, kind)
-        if problems := self.verify(ref):
-            raise self._damaged(ref, problems[0])
-        return self._local.folder(ref)
+        with self._requiring(ref) as backend, explained(self.cache):
+            return backend.open(ref)
 
     def manifest(self, ref: ArtifactRef) -> Manifest:
         """Description of an artifact.
@@ -104,15 +113,12 @@ class ArtifactStore:
             ArtifactNotFound: If there is no such artifact.
             DamagedArtifact: If its manifest is missing or altered.
         """
-        self._require(ref)
-        try:
-            return self._local.read_manifest(ref)
-        except ValueError as error:
-            raise self._damaged(ref, str(error)) from None
+        with self._requiring(ref) as backend:
+            return backend.read_manifest(ref)
 
     def refs(self, kind: str | None = None) -> Sequence[ArtifactRef]:
         """Every artifact, of one kind or of all, damaged or not."""
-        return self._local.refs(kind)
+        return self._backend.refs(KINDS if kind is None else [kind])
 
     def list(self, kind: str | None = None) -> Sequence[Manifest]:
         """Descriptions of every artifact, oldest first; one whose manifest is damaged is logged and left out."""
@@ -150,17 +156,22 @@ class ArtifactStore:
         Raises:
             ArtifactNotFound: If there is no such artifact.
         """
-        self._require(ref)
-        return self._local.problems(ref)
+        with self._requiring(ref) as backend, explained(self.cache):
+            return backend.problems(ref)
 
     def lineage(self, ref: ArtifactRef) -> Sequence[ArtifactRef]:
-        """Every ancestor once, parents before children; ancestors that were discarded are named but end their line."""
+        """Every ancestor once, parents before children; one that was discarded is named but its own are not known.
+
+        Raises:
+            ArtifactNotFound: If there is no such artifact.
+            DamagedArtifact: If a manifest on the way is missing or altered.
+        """
         order: dict[ArtifactRef, None] = {}
 
         def visit(child: ArtifactRef) -> None:
             for parent in self.manifest(child).recipe.parents:
                 if parent not in order:
-                    if self._local.exists(parent):
+                    if self._backend.exists(parent):
                         visit(parent)
                     order[parent] = None
 
@@ -168,30 +179,37 @@ class ArtifactStore:
         return list(order)
 
     def descendants(self, ref: ArtifactRef) -> Sequence[ArtifactRef]:
-        """Every artifact made from this one, directly or not, parents before children."""
+        """Every artifact made from this one, directly or not, oldest first."""
+        manifests = self.list()
         reached = {ref}
-        order = []
-        remaining = self.list()
-        while fresh := [manifest for manifest in remaining if reached.intersection(manifest.recipe.parents)]:
-            order += [manifest.ref for manifest in fresh]
-            reached.update(order)
-            remaining = [manifest for manifest in remaining if manifest.ref not in reached]
-        return order
+        size = 0
+        while size < len(reached):
+            size = len(reached)
+            reached.update(manifest.ref for manifest in manifests if reached.intersection(manifest.recipe.parents))
+        return [manifest.ref for manifest in manifests if manifest.ref in reached - {ref}]
 
     def discard(self, ref: ArtifactRef) -> None:
         """Delete an artifact, whole or damaged; what was made from it stays.
 
         Raises:
             ArtifactNotFound: If there is no such artifact.
-            StoreNotWritable: If the disk refuses.
+            StoreNotWritable: If the store refuses.
         """
-        self._require(ref)
-        with explained(self._local.root), self._local.lock(ref.id):
-            self._local.remove(ref)
+        with self._requiring(ref) as backend, explained(self.cache), backend.work.lock(ref.id):
+            backend.remove(ref)
 
-    def _require(self, ref: ArtifactRef) -> None:
-        if not self._local.exists(ref):
+    @contextmanager
+    def _requiring(self, ref: ArtifactRef) -> Iterator[Backend]:
+        """Work on an artifact that must exist; damage found meanwhile becomes an error that says how to mend it."""
+        backend = self._backend
+        if not backend.exists(ref):
             raise ArtifactNotFound(f"artifact {ref} does not exist in '{self.url}'; see `juicer ls {ref.kind}`")
+        try:
+            yield backend
+        except DamageError as damage:
+            raise DamagedArtifact(
+                f"artifact {ref} is damaged: {damage}; recompute it with `juicer repair {ref.id}`"
+            ) from None
 
     @staticmethod
     def _check_kind(ref: ArtifactRef, kind: str | None) -> None:
@@ -200,6 +218,31 @@ class ArtifactStore:
                 f"{ref} is of kind '{ref.kind}' but '{kind}' is needed here; see `juicer ls {kind}`"
             )
 
-    @staticmethod
-    def _damaged(ref: ArtifactRef, problem: str) -> DamagedArtifact:
-        return DamagedArtifact(f"artifact {ref} is damaged: {problem}; recompute it with `juicer repair {ref.id}`")
+
+@contextmanager
+def _discarded_on_failure(draft: Draft) -> Iterator[None]:
+    """Make the folders of a draft; at a failure its files go, and what it left in its scratch stays."""
+    draft.path.mkdir(parents=True)
+    draft.scratch.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        discard_tree(draft.path)
+        with suppress(OSError):
+            # Succeeds only if it is empty.
+            draft.scratch.rmdir()
+        raise
+
+
+def _describe(draft: Draft, recipe: Recipe, started: datetime) -> Manifest:
+    files = describe_files(draft.path)
+    finished = datetime.now().astimezone()
+    return Manifest(
+        recipe=recipe,
+        files=files,
+        summary=plain(draft.summary),
+        host=describe_host(),
+        started=started.isoformat(timespec="milliseconds"),
+        finished=finished.isoformat(timespec="milliseconds"),
+        seconds=round((finished - started).total_seconds(), 3),
+    )

@@ -123,4 +123,5 @@ def read_table(path: Path, schema: pa.Schema) -> list[dict[str, Any]]:
         raise ArtifactError(
             f"'{path}' has the columns {table.schema.names} of another version; expected {schema.names}"
         )
-    return table.to_pylist(maps_as_pydicts="strict")
+    rows: list[dict[str, Any]] = table.to_pylist(maps_as_pydicts="strict")
+    return rows
