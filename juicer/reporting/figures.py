@@ -1,0 +1,156 @@
+"""Charts as inline SVG that follows the page's colour scheme.
+
+Matplotlib draws with the placeholder colours below; each is then replaced by the page's CSS variable of
+the same meaning, so that one picture serves light and dark. Charts are drawn narrow (460 px), so that
+their lettering stays legible on a small screen.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
+
+from juicer.evaluation import ConditionResult
+from juicer.reporting.content import AugmentationYield, Funnel, TrainingCurve
+
+INK, MUTED, GRID, ACCENT, SECOND, SOFT = "#010101", "#020202", "#030303", "#040404", "#050505", "#060606"
+_VARIABLES = {INK: "ink", MUTED: "muted", GRID: "grid", ACCENT: "accent", SECOND: "second", SOFT: "soft"}
+_WIDTH_IN = 6.4
+_STYLE: Any = {
+    "svg.fonttype": "none",
+    "font.family": "sans-serif",
+    "font.size": 11.5,
+    "axes.edgecolor": GRID,
+    "axes.labelcolor": MUTED,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.8,
+    "text.color": INK,
+    "xtick.color": MUTED,
+    "ytick.color": INK,
+    "xtick.major.size": 0,
+    "ytick.major.size": 0,
+    "xtick.minor.size": 0,
+    "ytick.minor.size": 0,
+    "legend.frameon": False,
+}
+
+
+def success_figure(results: Sequence[ConditionResult]) -> str:
+    """Success rates with their intervals; small dots are the trained models."""
+    with mpl.rc_context(_STYLE):
+        figure, axes = _figure(height_in=0.9 + 0.42 * len(results))
+        for row, result in enumerate(results):
+            axes.plot(result.interval, [row, row], color=ACCENT, linewidth=6, alpha=0.3, solid_capstyle="round")
+            rates = [model.rate for model in result.models]
+            if len(rates) > 1:
+                axes.plot(rates, np.full(len(rates), row), "o", color=MUTED, markersize=4, markeredgewidth=0)
+            axes.plot(result.average, row, "o", color=ACCENT, markersize=9, markeredgewidth=0)
+        axes.set_yticks(range(len(results)), [result.condition for result in results])
+        axes.set_ylim(len(results) - 0.4, -0.6)
+        axes.set_xlim(-0.02, 1.02)
+        axes.xaxis.set_major_formatter(PercentFormatter(1.0))
+        axes.set_xlabel("success rate")
+        axes.grid(axis="x")
+        return _svg(figure, "success", "Success rate of each condition with its 95 % interval")
+
+
+def funnel_figure(funnel: Funnel) -> str:
+    """Episodes that reached each milestone, as bars from all to those that succeeded."""
+    names = ["started", *funnel.reached]
+    counts = [funnel.num_episodes, *funnel.reached.values()]
+    with mpl.rc_context(_STYLE):
+        figure, axes = _figure(height_in=0.35 + 0.34 * len(names))
+        axes.barh(names, [funnel.num_episodes] * len(names), color=SOFT, height=0.72)
+        axes.barh(names, counts, color=ACCENT, height=0.72, alpha=0.85)
+        for row, count in enumerate(counts):
+            share = count / funnel.num_episodes
+            axes.text(funnel.num_episodes * 1.03, row, f"{count}  ({share:.0%})", va="center", color=INK)
+        axes.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
+        axes.set_ylim(len(names) - 0.4, -0.6)
+        axes.set_xlim(0, funnel.num_episodes * 1.28)
+        _bare(axes)
+        return _svg(figure, f"funnel {funnel.condition}", f"Milestones reached under {funnel.condition}")
+
+
+def curve_figure(curve: TrainingCurve, limits: tuple[float, float]) -> str:
+    """Losses of one training run over its steps, on the loss scale all runs share."""
+    with mpl.rc_context(_STYLE):
+        figure, axes = _figure(height_in=2.5)
+        for (name, values), color in zip(curve.losses.items(), (ACCENT, SECOND, MUTED), strict=False):
+            measured = np.isfinite(values)
+            axes.plot(curve.steps[measured], values[measured], color=color, linewidth=1.6, label=name)
+        axes.set_yscale("log")
+        axes.set_ylim(*limits)
+        axes.set_xlabel("optimiser step")
+        axes.tick_params(axis="y", which="both", labelcolor=MUTED)
+        axes.grid(axis="y", which="major")
+        axes.legend(loc="upper right", labelcolor=INK)
+        return _svg(figure, f"curve {curve.label}", f"Losses of {curve.label}")
+
+
+def yield_figure(augmentation: AugmentationYield) -> str:
+    """Corrective trajectories kept, and rejected by reason."""
+    rejected = sorted(augmentation.rejected.items(), key=lambda item: -item[1])
+    names = ["kept", *(reason.replace("_", " ") for reason, _ in rejected)]
+    counts = [augmentation.kept, *(count for _, count in rejected)]
+    with mpl.rc_context(_STYLE):
+        figure, axes = _figure(height_in=0.35 + 0.34 * len(names))
+        axes.barh(names, counts, color=[ACCENT, *[SECOND] * len(rejected)], height=0.72, alpha=0.85)
+        for row, count in enumerate(counts):
+            axes.text(count + max(counts) * 0.03, row, f"{count}  ({count / sum(counts):.0%})", va="center", color=INK)
+        axes.set_ylim(len(names) - 0.4, -0.6)
+        axes.set_xlim(0, max(counts) * 1.3)
+        _bare(axes)
+        return _svg(figure, f"yield {augmentation.label}", f"Yield of augmentation: {augmentation.label}")
+
+
+def loss_limits(curves: Sequence[TrainingCurve]) -> tuple[float, float]:
+    """Range of the positive, finite losses of all runs, a little widened; ``(0.1, 1)`` if there are none."""
+    values = np.concatenate([np.ravel(loss) for curve in curves for loss in curve.losses.values()] or [np.zeros(0)])
+    values = values[np.isfinite(values) & (values > 0)]
+    return (float(values.min()) / 1.2, float(values.max()) * 1.2) if values.size else (0.1, 1.0)
+
+
+def _figure(height_in: float) -> tuple[Figure, Axes]:
+    # A figure of its own, not pyplot's: nothing global is left behind, and no screen is asked for.
+    figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
+    return figure, figure.subplots()
+
+
+def _bare(axes: Axes) -> None:
+    axes.set_xticks([])
+    axes.spines["bottom"].set_visible(False)
+    axes.spines["left"].set_visible(False)
+
+
+def _svg(figure: Figure, name: str, description: str) -> str:
+    buffer = io.StringIO()
+    # The salt makes the ids within the drawing differ from those of its neighbours on the page, and repeat.
+    with mpl.rc_context({"svg.hashsalt": name}):
+        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    svg = re.sub(r"^.*?<svg ", "<svg ", buffer.getvalue(), count=1, flags=re.DOTALL)
+    svg = re.sub(r'<svg [^>]*?viewBox="([^"]*)"[^>]*>', _opening_tag(description), svg, count=1)
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r' id="(?:figure|axes|patch|text|line2d|matplotlib\.axis|xtick|ytick|legend)_[0-9]+"', "", svg)
+    svg = re.sub(r"<defs>\s*<style.*?</defs>", "", svg, flags=re.DOTALL)
+    svg = re.sub(r"font: ([0-9.]+px) [^;\"]*", r"font-size: \1", svg)
+    svg = re.sub(r"font-family: [^;\"]*;? ?", "", svg)
+    for color, variable in _VARIABLES.items():
+        svg = svg.replace(color, f"var(--{variable})")
+    return svg
+
+
+def _opening_tag(description: str) -> str:
+    label = description.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;").replace("\\", "/")
+    return rf'<svg class="chart" role="img" aria-label="{label}" viewBox="\1">'
