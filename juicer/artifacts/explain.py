@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -12,6 +13,7 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 
 Part = Literal["inputs", "config", "code", "files", "libraries"]
+Change = Literal["added", "removed", "changed"]
 
 
 @dataclass(frozen=True)
@@ -21,21 +23,28 @@ class Difference:
     Attributes:
         part: Part of the recipe.
         key: Role, dotted config key, module, file label or library.
-        old: Value in the artifact that exists; none if it had none.
-        new: Value in the recipe at hand; none if it has none.
+        change: What happened to it since the artifact that exists.
+        old: Its value there; none if it was added.
+        new: Its value in the recipe at hand; none if it was removed.
     """
 
     part: Part
     key: str
+    change: Change
     old: Any
     new: Any
 
     @property
     def sentence(self) -> str:
         """The difference in words."""
-        if self.part in ("code", "files"):
-            return f"{_NOUNS[self.part]} '{self.key}' {_change(self.old, self.new)}"
-        return f"{_NOUNS[self.part]} '{self.key}' is {_shown(self.new)}, was {_shown(self.old)}"
+        thing = f"{_NOUNS[self.part]} '{self.key}'"
+        # The hashes of code and files would tell a reader nothing.
+        told = self.part not in ("code", "files")
+        if self.change == "added":
+            return f"{thing} is new" + (f": {_shown(self.new)}" if told else "")
+        if self.change == "removed":
+            return f"{thing} is gone" + (f", it was {_shown(self.old)}" if told else "")
+        return f"{thing} " + (f"is {_shown(self.new)}, it was {_shown(self.old)}" if told else "changed")
 
 
 @dataclass(frozen=True)
@@ -90,7 +99,7 @@ def compare(old: Recipe, new: Recipe) -> Iterator[Difference]:
     if old.code != new.code:
         changed = list(_differences("code", old.modules, new.modules))
         # Without module versions there is only the version of the whole.
-        yield from changed or [Difference("code", new.stage, old.code, new.code)]
+        yield from changed or [Difference("code", new.stage, "changed", old.code, new.code)]
     yield from _differences("files", old.files, new.files)
     yield from _differences("libraries", old.libraries, new.libraries)
 
@@ -106,8 +115,12 @@ _NOUNS: Mapping[Part, str] = {
 
 def _differences(part: Part, old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[Difference]:
     for key in sorted(old.keys() | new.keys()):
-        if old.get(key) != new.get(key) or (key in old) != (key in new):
-            yield Difference(part, key, old.get(key), new.get(key))
+        if key not in old:
+            yield Difference(part, key, "added", None, new[key])
+        elif key not in new:
+            yield Difference(part, key, "removed", old[key], None)
+        elif old[key] != new[key]:
+            yield Difference(part, key, "changed", old[key], new[key])
 
 
 def _named(inputs: Mapping[str, Sequence[ArtifactRef]]) -> dict[str, list[str]]:
@@ -116,7 +129,7 @@ def _named(inputs: Mapping[str, Sequence[ArtifactRef]]) -> dict[str, list[str]]:
 
 def _flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Leaves of nested mappings by dotted key."""
-    flat = {}
+    flat: dict[str, Any] = {}
     for key, value in config.items():
         if isinstance(value, Mapping) and value:
             flat |= _flat(value, f"{prefix}{key}.")
@@ -125,13 +138,9 @@ def _flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
-def _change(old: Any, new: Any) -> str:
-    if old is None:
-        return "is new"
-    return "is no longer used" if new is None else "changed"
-
-
 def _shown(value: Any) -> str:
-    if value is None:
-        return "none"
-    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+    if isinstance(value, str):
+        return value
+    if isinstance(value, list) and all(isinstance(item, str) for item in value):
+        return ", ".join(value)
+    return json.dumps(value)
