@@ -17,7 +17,7 @@ from juicer.geometry import rot6d_to_matrix
 from juicer.sim.panda import END_EFFECTOR_SITE, GRIP_FORCE_N, RESET_JOINTS_RAD
 from juicer.sim.scene import build_arm
 
-MAX_LEAD_M = 0.025
+MAX_LEAD_M = 0.02
 """The paper's teleoperation clips a step at 2.5 cm; 20 degrees is its bound on rotation."""
 MAX_LEAD_RAD = np.deg2rad(20.0)
 GRIPPER_DEAD_ZONE = 0.02
@@ -25,7 +25,7 @@ NUM_ARM_JOINTS = 7
 
 _ITERATIONS = 8
 _TOLERANCE = 1e-5
-_DAMPING = 1e-3
+_DAMPING_MATRIX = 1e-3**2 * np.eye(6)
 _POSTURE_GAIN = 0.02
 _MAX_JOINT_STEP_RAD = 0.35
 
@@ -92,8 +92,7 @@ class EndEffectorController:
             mujoco.mj_jacSite(self._model, data, jacobian[:3], jacobian[3:], self._site)
             arm = jacobian[:, :NUM_ARM_JOINTS]
             posture = _POSTURE_GAIN * (RESET_JOINTS_RAD - joints)
-            gram = arm @ arm.T
-            gram[np.diag_indices(6)] += _DAMPING**2
+            gram = arm @ arm.T + _DAMPING_MATRIX
             step = posture + arm.T @ np.linalg.solve(gram, error - arm @ posture)
             joints = np.clip(joints + np.clip(step, -_MAX_JOINT_STEP_RAD, _MAX_JOINT_STEP_RAD), *self._limits)
             self._forward(joints)

@@ -22,8 +22,8 @@ from juicer.geometry import matrix_to_rot6d
 from juicer.seeding import stream
 from juicer.sim.controller import EndEffectorController, grip_command, validate_action
 from juicer.sim.initial_states import initial_part_poses
+from juicer.sim.milestones import Milestones, PairTest
 from juicer.sim.panda import END_EFFECTOR_SITE, FINGER_JOINTS, GRIP_FORCE_N, RESET_JOINTS_RAD
-from juicer.sim.progress import is_assembled, milestones_reached
 from juicer.sim.rendering import CameraRenderer
 from juicer.sim.scene import FRONT_CAMERA, build_spec
 from juicer.sim.state import SimulatorState
@@ -79,6 +79,8 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.data = mujoco.MjData(self.model)
         self._controller = EndEffectorController()
         self._progress = np.zeros(1 + len(self.task.pairs) + len(self.task.milestones))
+        self._tests = tuple(PairTest(pair) for pair in self.task.pairs)
+        self._milestones = Milestones(self.task, self._tests[0])
         self._state = SimulatorState(self.model, self._progress.size)
         self._renderer: CameraRenderer | None = None
         self._index_model()
@@ -96,6 +98,10 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._fingers = np.array([model.joint(name).qposadr[0] for name in FINGER_JOINTS])
         first = model.joint(self.task.parts[0].name).qposadr[0]
         self._parts = slice(first, first + 7 * len(self.task.parts))
+        first_body = model.body(self.task.parts[0].name).id
+        bodies = slice(first_body, first_body + len(self.task.parts))
+        self._part_positions = self.data.xpos[bodies]
+        self._part_matrices = self.data.xmat[bodies].reshape(-1, 3, 3)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -195,17 +201,18 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_comVel(self.model, self.data)
-        poses = self.data.qpos[self._parts].reshape(-1, 7)
-        pairs = len(self.task.pairs)
+        positions, matrices = self._part_positions, self._part_matrices
+        pairs = len(self._tests)
         assembled = self._progress[1 : 1 + pairs]
         reward = 0.0
-        for index, pair in enumerate(self.task.pairs):
-            if not assembled[index] and is_assembled(pair, poses):
+        for index, test in enumerate(self._tests):
+            if not assembled[index] and test.passes(positions, matrices):
                 assembled[index] = 1
                 reward += 1.0
         first_steps = self._progress[1 + pairs :]
-        reached = np.array(milestones_reached(self.task, poses, bool(assembled.all())))
-        first_steps[reached & (first_steps < 0)] = self._progress[0]
+        for index, reached in enumerate(self._milestones.reached(positions, matrices, bool(assembled.all()))):
+            if reached and first_steps[index] < 0:
+                first_steps[index] = self._progress[0]
         return reward
 
     def _has_diverged(self) -> bool:
@@ -216,8 +223,7 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             return Outcome.DIVERGED
         if self._progress[1 : 1 + len(self.task.pairs)].all():
             return Outcome.SUCCESS
-        heights = self.data.qpos[self._parts].reshape(-1, 7)[:, 2]
-        if (heights < _LOST_BELOW_M).any():
+        if self._part_positions[:, 2].min() < _LOST_BELOW_M:
             return Outcome.PART_LOST
         return Outcome.TIMEOUT if self._progress[0] >= self.max_steps else None
 

@@ -3,7 +3,9 @@
 Sources: the published modified DH parameters and the link inertias of FurnitureBench's robot description; hand
 and fingers, which have none there, carry the masses of Franka's data sheet. Deviations: joint armature is 0.1
 instead of 0.01 kg m^2 and the arm is driven by joint position servos (FurnitureBench: operational-space torques);
-gravity is compensated in both. The two fingers are coupled, as in the real hand.
+gravity is compensated in both. The servos are critically damped and as compliant as those torques make the arm
+(about 1 kN/m and 0.12 m/s at the largest lead), so that no command presses with more than some 30 N. The two fingers
+are coupled, as in the real hand.
 """
 
 from __future__ import annotations
@@ -48,19 +50,19 @@ class _Link:
 
 _LINKS = (
     _Link((0, 0, 0.333), 0.0, 4.9707, (0.0039, 0.0021, -0.0476),
-          (0.70337, 0.70661, 0.00912, -0.00014, 0.00677, 0.01917), (-2.8973, 2.8973), 1500, 150, 87),
+          (0.70337, 0.70661, 0.00912, -0.00014, 0.00677, 0.01917), (-2.8973, 2.8973), 260, 44, 87),
     _Link((0, 0, 0), -_QUARTER, 0.6469, (-0.0031, -0.0287, 0.0035),
-          (0.0079620, 0.0281100, 0.0259950, -0.0039250, 0.0102540, 0.0007040), (-1.7628, 1.7628), 1500, 150, 87),
+          (0.0079620, 0.0281100, 0.0259950, -0.0039250, 0.0102540, 0.0007040), (-1.7628, 1.7628), 260, 47, 87),
     _Link((0, -0.316, 0), _QUARTER, 3.2286, (0.0275, 0.0393, -0.0665),
-          (0.03724, 0.03616, 0.01083, -0.00476, -0.01140, -0.01281), (-2.8973, 2.8973), 1500, 120, 87),
+          (0.03724, 0.03616, 0.01083, -0.00476, -0.01140, -0.01281), (-2.8973, 2.8973), 260, 39, 87),
     _Link((0.0825, 0, 0), _QUARTER, 3.5879, (-0.0532, 0.1044, 0.0275),
-          (0.02585, 0.01955, 0.02832, 0.00780, -0.00133, 0.00864), (-3.0718, -0.0698), 1200, 100, 87),
+          (0.02585, 0.01955, 0.02832, 0.00780, -0.00133, 0.00864), (-3.0718, -0.0698), 210, 31, 87),
     _Link((-0.0825, 0.384, 0), -_QUARTER, 1.2259, (-0.0120, 0.0411, -0.0384),
-          (0.03555, 0.02947, 0.00863, -0.00212, -0.00404, 0.00023), (-2.8973, 2.8973), 500, 20, 12),
+          (0.03555, 0.02947, 0.00863, -0.00212, -0.00404, 0.00023), (-2.8973, 2.8973), 88, 6.8, 12),
     _Link((0, 0, 0), _QUARTER, 1.6666, (0.0601, -0.0141, -0.0105),
-          (0.00196, 0.00435, 0.00543, 0.00011, -0.00116, 0.00034), (-0.0175, 3.7525), 400, 16, 12),
+          (0.00196, 0.00435, 0.00543, 0.00011, -0.00116, 0.00034), (-0.0175, 3.7525), 70, 6.5, 12),
     _Link((0.088, 0, 0), _QUARTER, 0.7355, (0.0105, -0.0043, 0.0616),
-          (0.01252, 0.01003, 0.00482, -0.00043, -0.00120, -0.00074), (-2.8973, 2.8973), 300, 12, 12),
+          (0.01252, 0.01003, 0.00482, -0.00043, -0.00120, -0.00074), (-2.8973, 2.8973), 52, 4.8, 12),
 )  # fmt: skip
 
 # Visible capsules (link, from, to, radius); only the last ones can reach the table, and only those collide.
@@ -103,7 +105,7 @@ def add_panda(spec: mujoco.MjSpec, gripper_width_m: float) -> None:
         name="palm", type=mujoco.mjtGeom.mjGEOM_BOX, pos=(0, -0.002, 0.020), size=(0.0316, 0.102, 0.046),
         rgba=_WHITE, **FINGER.attributes(),
     )  # fmt: skip
-    hand.add_site(name=END_EFFECTOR_SITE, pos=(0, 0, END_EFFECTOR_Z))
+    hand.add_site(name=END_EFFECTOR_SITE, pos=(0, 0, END_EFFECTOR_Z), rgba=(0, 0, 0, 0))
     for side, joint in zip((1, -1), FINGER_JOINTS, strict=True):
         _add_finger(hand, joint, side, gripper_width_m / 2)
     _add_grip(spec)
