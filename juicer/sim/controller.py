@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from juicer.episode import ACTION_SIZE
 from juicer.errors import InvalidAction
-from juicer.geometry import rot6d_to_matrix
+from juicer.geometry import Array, rot6d_to_matrix
 from juicer.sim.panda import END_EFFECTOR_SITE, GRIP_FORCE_N, RESET_JOINTS_RAD
 from juicer.sim.scene import build_arm
 
 MAX_LEAD_M = 0.02
 """The paper's teleoperation clips a step at 2.5 cm; 20 degrees is its bound on rotation."""
 MAX_LEAD_RAD = np.deg2rad(20.0)
+MAX_ACTION = 2.0
+"""Largest entry of an action that can be meant: metres, cosines, gripper."""
 GRIPPER_DEAD_ZONE = 0.02
 NUM_ARM_JOINTS = 7
 
@@ -30,17 +31,19 @@ _POSTURE_GAIN = 0.02
 _MAX_JOINT_STEP_RAD = 0.35
 
 
-def validate_action(action: NDArray[np.floating]) -> NDArray[np.float64]:
+def validate_action(action: Array) -> Array:
     """The action as it is executed: rounded to float32, so that a stored action replays exactly.
 
     Raises:
-        InvalidAction: If it is not a finite vector of 10 entries with a proper 6D rotation.
+        InvalidAction: If it is not a vector of 10 finite entries in range.
     """
     values = np.asarray(action, dtype=np.float32)
     if values.shape != (ACTION_SIZE,):
         raise InvalidAction(f"an action must have shape ({ACTION_SIZE},), got {values.shape}")
     if not np.isfinite(values).all():
         raise InvalidAction(f"an action must be finite, got {values.tolist()}")
+    if np.abs(values).max() > MAX_ACTION:
+        raise InvalidAction(f"the entries of an action must lie within +-{MAX_ACTION}, got {values.tolist()}")
     return values.astype(np.float64)
 
 
@@ -55,7 +58,7 @@ class EndEffectorController:
         self._jacobian = np.zeros((6, self._model.nv))
         self._limits = self._model.jnt_range[:NUM_ARM_JOINTS].T.copy()
 
-    def joint_targets(self, action: NDArray[np.float64], joints_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    def joint_targets(self, action: Array, joints_rad: Array) -> Array:
         """Joint angles ``(7,)`` that bring the end effector towards the action's pose.
 
         Args:
@@ -74,13 +77,11 @@ class EndEffectorController:
         goal_rotation = _rotation(turn) @ matrix
         return self._solve(joints, goal_position, goal_rotation)
 
-    def _forward(self, joints: NDArray[np.float64]) -> None:
+    def _forward(self, joints: Array) -> None:
         self._data.qpos[:NUM_ARM_JOINTS] = joints
         mujoco.mj_kinematics(self._model, self._data)
 
-    def _solve(
-        self, joints: NDArray[np.float64], position: NDArray[np.float64], rotation: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _solve(self, joints: Array, position: Array, rotation: Array) -> Array:
         data, jacobian = self._data, self._jacobian
         error = np.empty(6)
         for _ in range(_ITERATIONS):
@@ -99,7 +100,7 @@ class EndEffectorController:
         return joints
 
 
-def grip_command(action: NDArray[np.float64], last: float) -> float:
+def grip_command(action: Array, last: float) -> float:
     """Gripper force [N]: closing is negative; inside the dead zone the last command stays."""
     gripper = action[9]
     if abs(gripper) <= GRIPPER_DEAD_ZONE:
@@ -107,12 +108,12 @@ def grip_command(action: NDArray[np.float64], last: float) -> float:
     return -GRIP_FORCE_N if gripper > 0 else GRIP_FORCE_N
 
 
-def _shortened(vector: NDArray[np.float64], longest: float) -> NDArray[np.float64]:
+def _shortened(vector: Array, longest: float) -> Array:
     length = float(np.sqrt(vector @ vector))
     return vector if length <= longest else vector * (longest / length)
 
 
-def _rotation_error(goal: NDArray[np.float64], present: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rotation_error(goal: Array, present: Array) -> Array:
     """Rotation vector in the base frame that turns ``present`` into ``goal`` [rad]."""
     quat, rotvec = np.empty(4), np.empty(3)
     mujoco.mju_mat2Quat(quat, (goal @ present.T).ravel())
@@ -120,7 +121,7 @@ def _rotation_error(goal: NDArray[np.float64], present: NDArray[np.float64]) -> 
     return rotvec
 
 
-def _rotation(rotvec: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rotation(rotvec: Array) -> Array:
     angle = float(np.sqrt(rotvec @ rotvec))
     quat, matrix = np.empty(4), np.empty(9)
     mujoco.mju_axisAngle2Quat(quat, rotvec / angle if angle > 0 else np.array([1.0, 0.0, 0.0]), angle)

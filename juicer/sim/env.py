@@ -17,10 +17,9 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from juicer.episode import ACTION_SIZE, PROPRIOCEPTION_SIZE, Outcome
-from juicer.errors import JuicerError
 from juicer.geometry import matrix_to_rot6d
 from juicer.seeding import stream
-from juicer.sim.controller import EndEffectorController, grip_command, validate_action
+from juicer.sim.controller import MAX_ACTION, EndEffectorController, grip_command, validate_action
 from juicer.sim.initial_states import initial_part_poses
 from juicer.sim.milestones import Milestones, PairTest
 from juicer.sim.panda import END_EFFECTOR_SITE, FINGER_JOINTS, GRIP_FORCE_N, RESET_JOINTS_RAD
@@ -28,7 +27,7 @@ from juicer.sim.rendering import CameraRenderer
 from juicer.sim.scene import FRONT_CAMERA, build_spec
 from juicer.sim.state import SimulatorState
 from juicer.tasks.registry import get_task
-from juicer.tasks.specification import TABLE_HEIGHT_M, Randomness
+from juicer.tasks.specification import TABLE_HEIGHT_M, parse_randomness
 
 CONTROL_HZ = 10
 TARGET_UPDATES = 10
@@ -69,10 +68,10 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """Build the scene; ``max_steps`` defaults to the task's own limit.
 
         Raises:
-            ConfigError: If the task is unknown.
+            ConfigError: If the task or the randomness is unknown.
         """
         self.task = get_task(task)
-        self.randomness = Randomness(randomness)
+        self.randomness = parse_randomness(randomness)
         self.render_mode = render_mode
         self.max_steps = max_steps or self.task.max_steps
         self.model = compiled_model(task)
@@ -84,13 +83,12 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._state = SimulatorState(self.model, self._progress.size)
         self._renderer: CameraRenderer | None = None
         self._index_model()
-        self.action_space = spaces.Box(-np.inf, np.inf, (ACTION_SIZE,), np.float32)
-        self.observation_space = spaces.Dict(
-            {
-                "proprioception": spaces.Box(-np.inf, np.inf, (PROPRIOCEPTION_SIZE,), np.float32),
-                "part_poses": spaces.Box(-np.inf, np.inf, (7 * len(self.task.parts),), np.float32),
-            }
-        )
+        self.action_space = spaces.Box(-MAX_ACTION, MAX_ACTION, (ACTION_SIZE,), np.float32)
+        observations: dict[str, spaces.Space[Any]] = {
+            "proprioception": spaces.Box(-np.inf, np.inf, (PROPRIOCEPTION_SIZE,), np.float32),
+            "part_poses": spaces.Box(-np.inf, np.inf, (7 * len(self.task.parts),), np.float32),
+        }
+        self.observation_space = spaces.Dict(observations)  # type: ignore[assignment]  # stubs: a Dict space is no Space[dict]
 
     def _index_model(self) -> None:
         model = self.model
@@ -174,7 +172,8 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """Names of touching things, each pair sorted; links of the gripper count as ``gripper``."""
         contacts = self.data.contact
         bodies = self.model.geom_bodyid[contacts.geom[contacts.dist <= 0.0]]
-        return frozenset(tuple(sorted((self._body_name(first), self._body_name(second)))) for first, second in bodies)
+        names = ((self._body_name(first), self._body_name(second)) for first, second in bodies)
+        return frozenset((min(pair), max(pair)) for pair in names)
 
     def render(self) -> NDArray[np.uint8]:
         """Picture ``(480, 640, 3)`` of the front camera.
@@ -243,14 +242,3 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         if name.startswith(("panda_hand", "panda_finger")):
             return "gripper"
         return "arm" if name.startswith("panda") else name
-
-
-def make_env(task: str, randomness: str, max_steps: int | None = None) -> AssemblyEnv:
-    """Environment with the names checked, for command lines and stages.
-
-    Raises:
-        JuicerError: If task or randomness is unknown.
-    """
-    if randomness not in set(Randomness):
-        raise JuicerError(f"unknown randomness '{randomness}'; valid: {', '.join(Randomness)}")
-    return AssemblyEnv(task, randomness, max_steps=max_steps)

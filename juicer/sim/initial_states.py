@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from juicer.geometry import quat_multiply, quat_to_matrix
+from juicer.geometry import quat_multiply
 from juicer.sim.scene import FENCE
 from juicer.tasks.specification import AssemblyTask, PartSpec, Randomness
 
@@ -57,8 +57,3 @@ def _overlaps(parts: tuple[PartSpec, ...], positions: NDArray[np.float64], yaw: 
     touching = (distance < reaches[:, None] + reaches[None]).all(axis=-1)
     touching[len(parts) :, len(parts) :] = False
     return bool(np.triu(touching, k=1).any())
-
-
-def upright_axis(quat_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Direction ``(3,)`` of a part's y axis in the robot base frame."""
-    return quat_to_matrix(quat_wxyz)[:, 1]

@@ -38,7 +38,8 @@ class PairTest:
     def offsets(self, positions: Array, matrices: Array) -> Array:
         """Position of the second part relative to each target, ``(targets, 3)`` in the first part's frame [m]."""
         first, second = self.pair.first, self.pair.second
-        return (positions[second] - positions[first]) @ matrices[first] - self._positions
+        offsets: Array = (positions[second] - positions[first]) @ matrices[first] - self._positions
+        return offsets
 
     def passes(self, positions: Array, matrices: Array) -> bool:
         """Whether the pair counts as assembled.

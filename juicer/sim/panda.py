@@ -142,7 +142,8 @@ def _add_finger(hand: mujoco.MjsBody, joint: str, side: int, opening: float) -> 
     )  # fmt: skip
     finger.add_joint(
         name=joint, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=(0, side, 0), range=(0, opening), limited=True,
-        armature=0.1, damping=(GRIP_FORCE_N / FINGER_SPEED_M_S, 0, 0),
+        armature=0.1, damping=(GRIP_FORCE_N / FINGER_SPEED_M_S, 0, 0), solref_limit=(0.005, 1),
+        solimp_limit=(0.95, 0.99, 0.001, 0.5, 2),
     )  # fmt: skip
     for number, (size, center, roll) in enumerate(_FINGER_BOXES):
         finger.add_geom(

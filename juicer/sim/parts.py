@@ -12,6 +12,7 @@ Deviations from the measured geometry, each for a reason:
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -84,13 +85,11 @@ def _add_thread(body: mujoco.MjsBody, thread: Thread, rgba: tuple[float, ...]) -
     size = (thread.bead_radius, 0, 0)
     if not thread.internal:
         for point in helix_points(thread, PEG_BEADS_PER_TURN, thread.helix_radius):
-            body.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_SPHERE, size=size, pos=point, rgba=rgba, **PEG_BEAD.attributes()
-            )
+            body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=size, pos=point, rgba=rgba, **PEG_BEAD.attributes())
         return
     radius = thread.helix_radius / math.cos(math.pi / HOLE_BEADS_PER_TURN)
     points = helix_points(thread, HOLE_BEADS_PER_TURN, radius)
-    for start, end in zip(points[:-1], points[1:], strict=True):
+    for start, end in pairwise(points):
         body.add_geom(
             type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=size, fromto=(*start, *end), rgba=rgba, **HOLE_BEAD.attributes()
         )

@@ -38,7 +38,8 @@ class SimulatorState:
         """
         if np.shape(state) != (self.size,):
             raise InvalidEpisode(f"a simulator state of this scene has {self.size} entries, got {np.shape(state)}")
-        integration, asleep, kept = np.split(state, [self._integration_size, self._integration_size + self._model.ntree])
+        sections = [self._integration_size, self._integration_size + self._model.ntree]
+        integration, asleep, kept = np.split(state, sections)
         # Reset wakes every body, so that the derived positions of those about to sleep are computed afresh.
         mujoco.mj_resetData(self._model, data)
         mujoco.mj_setState(self._model, data, integration, _INTEGRATION)

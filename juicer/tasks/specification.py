@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
+from juicer.errors import ConfigError, did_you_mean
+
 Vector = tuple[float, float, float]
 Pose = tuple[float, float, float, float, float, float, float]
 
@@ -24,6 +26,18 @@ class Randomness(StrEnum):
     LOW = "low"
     MED = "med"
     HIGH = "high"
+
+
+def parse_randomness(text: str) -> Randomness:
+    """Level of randomness by name.
+
+    Raises:
+        ConfigError: If there is no such level.
+    """
+    try:
+        return Randomness(text)
+    except ValueError:
+        raise ConfigError(f"unknown randomness '{text}'{did_you_mean(text, Randomness)}") from None
 
 
 @dataclass(frozen=True)
