@@ -16,7 +16,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, PercentFormatter
 
 from juicer.evaluation import ConditionResult
 from juicer.reporting.content import AugmentationYield, Funnel, TrainingCurve
@@ -62,7 +62,7 @@ def success_figure(results: Sequence[ConditionResult]) -> str:
         axes.xaxis.set_major_formatter(PercentFormatter(1.0))
         axes.set_xlabel("success rate")
         axes.grid(axis="x")
-        return _svg(figure, "success", "Success rate of each condition with its 95 % interval")
+        return _svg(figure, "success", "Success rate of each condition with its 95% interval")
 
 
 def funnel_figure(funnel: Funnel) -> str:
@@ -74,8 +74,7 @@ def funnel_figure(funnel: Funnel) -> str:
         axes.barh(names, [funnel.num_episodes] * len(names), color=SOFT, height=0.72)
         axes.barh(names, counts, color=ACCENT, height=0.72, alpha=0.85)
         for row, count in enumerate(counts):
-            share = count / funnel.num_episodes
-            axes.text(funnel.num_episodes * 1.03, row, f"{count}  ({share:.0%})", va="center", color=INK)
+            axes.text(funnel.num_episodes * 1.03, row, _share(count, funnel.num_episodes), va="center", color=INK)
         axes.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
         axes.set_ylim(len(names) - 0.4, -0.6)
         axes.set_xlim(0, funnel.num_episodes * 1.28)
@@ -88,14 +87,18 @@ def curve_figure(curve: TrainingCurve, limits: tuple[float, float]) -> str:
     with mpl.rc_context(_STYLE):
         figure, axes = _figure(height_in=2.5)
         for (name, values), color in zip(curve.losses.items(), (ACCENT, SECOND, MUTED), strict=False):
-            measured = np.isfinite(values)
+            measured = np.isfinite(values) & (values > 0)
             axes.plot(curve.steps[measured], values[measured], color=color, linewidth=1.6, label=name)
         axes.set_yscale("log")
         axes.set_ylim(*limits)
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if limits[1] > 20 * limits[0] else (1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set_xlabel("optimiser step")
         axes.tick_params(axis="y", which="both", labelcolor=MUTED)
         axes.grid(axis="y", which="major")
-        axes.legend(loc="upper right", labelcolor=INK)
+        if curve.losses:
+            axes.legend(loc="upper right", labelcolor=INK)
         return _svg(figure, f"curve {curve.label}", f"Losses of {curve.label}")
 
 
@@ -104,13 +107,14 @@ def yield_figure(augmentation: AugmentationYield) -> str:
     rejected = sorted(augmentation.rejected.items(), key=lambda item: -item[1])
     names = ["kept", *(reason.replace("_", " ") for reason, _ in rejected)]
     counts = [augmentation.kept, *(count for _, count in rejected)]
+    longest = max(1, *counts)
     with mpl.rc_context(_STYLE):
         figure, axes = _figure(height_in=0.35 + 0.34 * len(names))
         axes.barh(names, counts, color=[ACCENT, *[SECOND] * len(rejected)], height=0.72, alpha=0.85)
         for row, count in enumerate(counts):
-            axes.text(count + max(counts) * 0.03, row, f"{count}  ({count / sum(counts):.0%})", va="center", color=INK)
+            axes.text(count + longest * 0.03, row, _share(count, sum(counts)), va="center", color=INK)
         axes.set_ylim(len(names) - 0.4, -0.6)
-        axes.set_xlim(0, max(counts) * 1.3)
+        axes.set_xlim(0, longest * 1.3)
         _bare(axes)
         return _svg(figure, f"yield {augmentation.label}", f"Yield of augmentation: {augmentation.label}")
 
@@ -132,6 +136,10 @@ def _bare(axes: Axes) -> None:
     axes.set_xticks([])
     axes.spines["bottom"].set_visible(False)
     axes.spines["left"].set_visible(False)
+
+
+def _share(count: int, total: int) -> str:
+    return f"{count}  ({count / total:.0%})" if total else f"{count}"
 
 
 def _svg(figure: Figure, name: str, description: str) -> str:

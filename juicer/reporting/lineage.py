@@ -8,11 +8,15 @@ from html import escape
 from itertools import pairwise
 from statistics import fmean
 
+import numpy as np
+from scipy.optimize import isotonic_regression
+
 from juicer.reporting.content import LineageNode
 
-_NODE_WIDTH, _NODE_HEIGHT, _COLUMN_GAP, _ROW_GAP, _MARGIN = 128, 42, 34, 16, 8
-_LABEL_LETTERS = 19
-_SWEEPS = 8
+_NODE_WIDTH, _NODE_HEIGHT, _COLUMN_GAP, _MARGIN = 136.0, 42.0, 20.0, 8.0
+_NODE_SPACE, _BEND_SPACE = 58.0, 20.0
+_LABEL_LETTERS = 18
+_SWEEPS = 12
 
 # A bend of an edge that passes through a column: (child, parent, column). Bends take part in the ordering.
 _Bend = tuple[str, str, int]
@@ -43,7 +47,7 @@ def lineage_graph(nodes: Sequence[LineageNode]) -> str:
     return (
         f'<svg class="lineage" role="img" aria-label="Artifacts and their parents" '
         f'viewBox="0 0 {layout.width:.0f} {layout.height:.0f}" '
-        f'style="max-width:{layout.width:.0f}px;min-width:{0.8 * layout.width:.0f}px">'
+        f'style="max-width:{layout.width:.0f}px;min-width:{0.78 * layout.width:.0f}px">'
         f"{''.join(edges)}{''.join(boxes)}</svg>"
     )
 
@@ -52,15 +56,19 @@ def _lay_out(parents: Mapping[str, Sequence[str]]) -> _Layout:
     columns = _columns(parents)
     order, neighbours = _chains(parents, columns)
     _untangle(order, neighbours)
-    tallest = max(len(column) for column in order)
-    places: dict[_Item, tuple[float, float]] = {}
-    for index, column in enumerate(order):
-        top = _MARGIN + (tallest - len(column)) * (_NODE_HEIGHT + _ROW_GAP) / 2
-        for row, item in enumerate(column):
-            places[item] = (_MARGIN + index * (_NODE_WIDTH + _COLUMN_GAP), top + row * (_NODE_HEIGHT + _ROW_GAP))
-    width = 2 * _MARGIN + len(order) * (_NODE_WIDTH + _COLUMN_GAP) - _COLUMN_GAP
-    height = 2 * _MARGIN + tallest * (_NODE_HEIGHT + _ROW_GAP) - _ROW_GAP
-    return _Layout(columns, places, width, height)
+    heights = _heights(order, neighbours)
+    top = min(heights.values()) - _NODE_HEIGHT / 2 - _MARGIN
+    places = {
+        item: (_MARGIN + index * (_NODE_WIDTH + _COLUMN_GAP), heights[item] - top)
+        for index, column in enumerate(order)
+        for item in column
+    }
+    return _Layout(
+        columns=columns,
+        places=places,
+        width=2 * _MARGIN + len(order) * (_NODE_WIDTH + _COLUMN_GAP) - _COLUMN_GAP,
+        height=max(heights.values()) - top + _NODE_HEIGHT / 2 + _MARGIN,
+    )
 
 
 def _columns(parents: Mapping[str, Sequence[str]]) -> dict[str, int]:
@@ -111,14 +119,38 @@ def _untangle(order: list[list[_Item]], neighbours: Mapping[_Item, Sequence[_Ite
             column.sort(key=wanted.__getitem__)
 
 
+def _heights(order: Sequence[Sequence[_Item]], neighbours: Mapping[_Item, Sequence[_Item]]) -> dict[_Item, float]:
+    """Centre of each item: as near its neighbours as the space between items of a column allows."""
+    heights: dict[_Item, float] = {}
+    spaces = {
+        index: np.cumsum([0.0, *(_space(above, below) for above, below in pairwise(column))])
+        for index, column in enumerate(order)
+    }
+    for index, column in enumerate(order):
+        heights.update(zip(column, spaces[index] - spaces[index][-1] / 2, strict=True))
+    for _ in range(_SWEEPS):
+        for index, column in enumerate(order):
+            wanted = [fmean(heights[other] for other in neighbours[item] or [item]) for item in column]
+            # Straight bends are worth more than centred nodes: they make an edge easy to follow.
+            weights = [1.0 if isinstance(item, str) else 3.0 for item in column]
+            placed = isotonic_regression(np.array(wanted) - spaces[index], weights=weights).x + spaces[index]
+            heights.update(zip(column, placed.tolist(), strict=True))
+    return heights
+
+
+def _space(above: _Item, below: _Item) -> float:
+    return _NODE_SPACE / 2 * (isinstance(above, str) + isinstance(below, str)) + _BEND_SPACE / 2 * (
+        isinstance(above, tuple) + isinstance(below, tuple)
+    )
+
+
 def _edge(child: str, parent: str, layout: _Layout) -> str:
     x, y = layout.places[parent]
-    x, y = x + _NODE_WIDTH, y + _NODE_HEIGHT / 2
+    x += _NODE_WIDTH
     path = [f"M{x:.0f} {y:.1f}"]
     for column in range(layout.columns[parent] + 1, layout.columns[child] + 1):
         is_bend = column < layout.columns[child]
         to_x, to_y = layout.places[(child, parent, column) if is_bend else child]
-        to_y += _NODE_HEIGHT / 2
         middle = (x + to_x) / 2
         path.append(f"C{middle:.0f} {y:.1f} {middle:.0f} {to_y:.1f} {to_x:.0f} {to_y:.1f}")
         x, y = to_x, to_y
@@ -130,10 +162,11 @@ def _edge(child: str, parent: str, layout: _Layout) -> str:
 
 def _box(node: LineageNode, x: float, y: float) -> str:
     label = node.label if len(node.label) <= _LABEL_LETTERS else node.label[: _LABEL_LETTERS - 1] + "…"
-    short_id = node.id.rpartition("/")[2][:8]
+    short_id = node.id.rpartition("/")[2][:6]
     return (
-        f'<g class="node {escape(node.kind)}"><title>{escape(node.label)} — {escape(node.id)}</title>'
-        f'<rect x="{x:.0f}" y="{y:.1f}" width="{_NODE_WIDTH}" height="{_NODE_HEIGHT}" rx="6"/>'
-        f'<text x="{x + 10:.0f}" y="{y + 18:.1f}">{escape(label)}</text>'
-        f'<text class="id" x="{x + 10:.0f}" y="{y + 33:.1f}">{escape(node.kind)} {escape(short_id)}</text></g>'
+        f'<g class="node {escape(node.kind)}"><title>{escape(node.label)}: {escape(node.id)}</title>'
+        f'<rect x="{x:.0f}" y="{y - _NODE_HEIGHT / 2:.1f}" width="{_NODE_WIDTH:.0f}" '
+        f'height="{_NODE_HEIGHT:.0f}" rx="6"/>'
+        f'<text x="{x + 9:.0f}" y="{y - 3:.1f}">{escape(label)}</text>'
+        f'<text class="id" x="{x + 9:.0f}" y="{y + 12:.1f}">{escape(node.kind)} {escape(short_id)}</text></g>'
     )

@@ -68,7 +68,7 @@ def _headline(results: Sequence[ConditionResult]) -> str:
     low, high = best.interval
     return (
         f"{best.condition} succeeds in {_percent(best.average)} of {_number(best.num_episodes)} episodes "
-        f"(95 % interval {100 * low:.0f} to {_percent(high)})"
+        f"(95% interval {100 * low:.0f} to {_percent(high)})"
     )
 
 
@@ -124,4 +124,4 @@ def _number(value: float) -> str:
 
 
 def _percent(rate: float) -> str:
-    return f"{100 * rate:.0f}\u202f%"
+    return f"{100 * rate:.0f}%"
