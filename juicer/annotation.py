@@ -1,8 +1,10 @@
 """Critical states: the steps of a demonstration where precision decides success.
 
-There is one for every pair of the task: the last step at which the second part is held and touches nothing of
-the first, just before the contact that leads to their assembly. The demonstrations' own actions carry a
-snippet that returns there through the difficult part.
+There is one for every pair of the task: the last step at which the second part is held and still clear of the
+first, just before it comes within touching distance on the way to its assembled pose. From there the
+demonstration's own actions carry a snippet through the difficult part.
+
+Clearance decides rather than contact: a peg that is aligned well enters its hole without touching it.
 """
 
 from __future__ import annotations
@@ -22,15 +24,17 @@ from juicer.geometry import quat_to_matrix, relative_pose, rotation_angle
 from juicer.gripper import gripper_commands, next_gripper_change
 from juicer.labels import Label
 from juicer.progress import Progress, silent_progress
+from juicer.sim.clearance import clearance_m
 from juicer.sim.env import AssemblyEnv
 from juicer.sim.pool import EnvironmentPool
 from juicer.storage.tables import Annotation
 from juicer.tasks.registry import get_task
 
-# A held part turns and, once released, sinks by less than the first value in a clean insertion; at the second
-# value the proposal is worthless.
-_TURN_DEG = (5.0, 30.0)
+# In a clean insertion a held part turns, settles after its release, and takes time up to the first value;
+# at the second the proposal is worthless.
+_TURN_DEG = (8.0, 30.0)
 _SETTLING_M = (0.004, 0.02)
+_DURATION_STEPS = (60.0, 240.0)
 _SETTLING_STEPS = 10
 
 
@@ -40,6 +44,7 @@ class AnnotationConfig(StrictConfig):
     neighbourhood_m: float = Field(
         default=0.04, gt=0, description="distance from its assembled position within which a part arrives"
     )
+    clearance_m: float = Field(default=0.003, gt=0, description="parts that are closer are about to touch")
 
 
 class DemonstrationReader(Protocol):
@@ -59,7 +64,7 @@ class Proposal:
     """A critical state that the simulator's truth suggests.
 
     Attributes:
-        step: Last step at which the part is held and free.
+        step: Last step at which the part is held and clear of its mate.
         critical_state: Index of the pair it leads to.
         confidence: How cleanly the part was inserted after it, between zero and one.
     """
@@ -110,7 +115,7 @@ def annotate(
 
 
 def propose(env: AssemblyEnv, demonstration: Episode, config: AnnotationConfig) -> list[Proposal]:
-    """One proposal for every pair whose assembly begins with a held part that touches nothing of its mate.
+    """One proposal for every pair whose assembly begins with a held part that is clear of its mate.
 
     Args:
         env: Environment of the demonstration's task; its state is replaced.
@@ -160,20 +165,33 @@ def _propose_pair(
     arrival = int(away[-1]) + 1
     change = next_gripper_change(demonstration.steps["action"], arrival)
     release = len(demonstration) - 1 if change is None else change
-    contacts = _Contacts(env, demonstration, critical_state)
-    touch = next((step for step in range(arrival, release + 1) if contacts.touches(step)), None)
-    if touch is None:
-        return None
-    # Backwards from the contact: the part may have been nudged loose for a step or two just before.
-    step = next((step for step in range(touch - 1, arrival - 1, -1) if contacts.held(step)), None)
+    step = _last_clear_step(env, demonstration, critical_state, range(arrival, release), config.clearance_m)
     if step is None:
         return None
     settled = min(release + _SETTLING_STEPS, len(relative) - 1)
     turned = rotation_angle(quat_to_matrix(relative[step, 3:]), quat_to_matrix(relative[release, 3:]))
     sunk = np.linalg.norm(relative[settled, :3] - relative[release, :3])
-    touching = np.mean([contacts.touches(step) for step in range(touch, release + 1)])
-    confidence = float(touching) * _fade(float(np.degrees(turned)), _TURN_DEG) * _fade(float(sunk), _SETTLING_M)
+    confidence = (
+        _fade(float(np.degrees(turned)), _TURN_DEG)
+        * _fade(float(sunk), _SETTLING_M)
+        * _fade(release - step, _DURATION_STEPS)
+    )
     return Proposal(step, critical_state, confidence)
+
+
+def _last_clear_step(
+    env: AssemblyEnv, demonstration: Episode, critical_state: int, steps: range, limit_m: float
+) -> int | None:
+    """Last of the steps at which the second part is held and farther than the limit from the first."""
+    pair = env.task.pairs[critical_state]
+    first, second = env.task.parts[pair.first].name, env.task.parts[pair.second].name
+    closed = gripper_commands(demonstration.steps["action"]) > 0
+    for step in reversed(steps):
+        env.set_state(np.asarray(demonstration.steps[STATE_KEY][step], dtype=np.float64))
+        if clearance_m(env.model, env.data, first, second, limit_m) >= limit_m:
+            grasped = any({"gripper", second} == set(names) for names in env.contact_pairs())
+            return step if closed[step] and grasped else None
+    return None
 
 
 def _relative_poses(
@@ -188,33 +206,6 @@ def _relative_poses(
     # Of several targets, the one that the demonstration ended in.
     target = targets[np.argmin(np.linalg.norm(targets - relative[-1, :3], axis=1))]
     return relative, np.linalg.norm(relative[:, :3] - target, axis=1)
-
-
-class _Contacts:
-    """What touches what at the steps of a demonstration, found by restoring its states, each once."""
-
-    def __init__(self, env: AssemblyEnv, demonstration: Episode, critical_state: int) -> None:
-        pair = env.task.pairs[critical_state]
-        self._env = env
-        self._states = demonstration.steps[STATE_KEY]
-        self._closed = gripper_commands(demonstration.steps["action"]) > 0
-        self._first, self._second = env.task.parts[pair.first].name, env.task.parts[pair.second].name
-        self._known: dict[int, frozenset[frozenset[str]]] = {}
-
-    def touches(self, step: int) -> bool:
-        """Whether the pair's parts touch each other."""
-        return frozenset((self._first, self._second)) in self._at(step)
-
-    def held(self, step: int) -> bool:
-        """Whether the closed gripper holds the second part, and the second touches nothing of the first."""
-        grasped = frozenset(("gripper", self._second)) in self._at(step)
-        return bool(self._closed[step]) and grasped and not self.touches(step)
-
-    def _at(self, step: int) -> frozenset[frozenset[str]]:
-        if step not in self._known:
-            self._env.set_state(self._states[step])
-            self._known[step] = frozenset(frozenset(pair) for pair in self._env.contact_pairs())
-        return self._known[step]
 
 
 def _fade(value: float, bounds: tuple[float, float]) -> float:

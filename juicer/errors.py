@@ -78,6 +78,10 @@ class TrainingFailed(JuicerError):
     """Training cannot start from its data, or its loss is no longer a number."""
 
 
+class StageDied(JuicerError):
+    """The process of a stage ended before its work was done."""
+
+
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Tail of an error message: the nearest valid word, or all of them.
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +12,7 @@ GRIPPER_DEADBAND = 0.02
 """Commands up to this size keep what the gripper does."""
 
 
-def gripper_commands(actions: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+def gripper_commands(actions: NDArray[np.generic]) -> NDArray[np.float64]:
     """Command in force at each step ``(T,)``, +1 close or -1 open, from actions ``(T, 10)``.
 
     Steps before the first clear command count as open, as the gripper is at reset.
@@ -25,7 +23,7 @@ def gripper_commands(actions: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     return np.where(latest >= 0, np.sign(told[np.maximum(latest, 0)]), -1.0)
 
 
-def next_gripper_change(actions: NDArray[np.floating[Any]], step: int) -> int | None:
+def next_gripper_change(actions: NDArray[np.generic], step: int) -> int | None:
     """First step after ``step`` whose command differs from the one in force at ``step``; None if none does."""
     commands = gripper_commands(actions)
     changed = np.flatnonzero(commands[step:] != commands[step])

@@ -96,3 +96,47 @@ def episode_factory() -> EpisodeFactory:
 def rng() -> np.random.Generator:
     """A fixed random stream."""
     return stream(0, "test")
+
+
+@pytest.fixture(scope="session")
+def insertions() -> list[Episode]:
+    """Two demonstrations from the simulator: a leg, in the gripper from the start, is inserted and let go."""
+    return [_insert(seed) for seed in (0, 1)]
+
+
+def _insert(seed: int) -> Episode:
+    # Imported here: most tests need no simulator.
+    from juicer.geometry import matrix_to_rot6d, quat_to_matrix
+    from juicer.sim.env import AssemblyEnv
+    from juicer.sim.recorder import EpisodeRecorder
+
+    env = AssemblyEnv("one_leg")
+    env.reset(seed=seed)
+    pair = env.task.pairs[0]
+    top = env.observation()["part_poses"][:7].astype(np.float64)
+    rotation = quat_to_matrix(top[3:])
+    hole = top[:3] + rotation @ pair.targets[pair.operator_target][:3]
+    across = rotation[:, 0]
+    facing_down = np.stack([np.cross(across, (0, 0, -1)), across, (0, 0, -1)], axis=1)
+
+    def command(offset: tuple[float, float, float], gripper: float) -> NDArray[np.float64]:
+        return np.concatenate([hole + offset, matrix_to_rot6d(facing_down), [gripper]])
+
+    aside = (0.02, -0.03, 0.08)
+    for _ in range(40):
+        env.step(command(aside, -1))
+    leg = env.model.joint(env.task.parts[pair.second].name)
+    env.data.qpos[leg.qposadr[0] :][:7] = [*(env.observation()["proprioception"][:3] - (0, 0, 0.012)), *top[3:]]
+    env.data.qvel[leg.dofadr[0] :][:6] = 0
+    for finger in ("panda_finger_joint1", "panda_finger_joint2"):
+        env.data.qpos[env.model.joint(finger).qposadr[0]] = 0.0151
+    for _ in range(5):
+        env.step(command(aside, 1))
+    recorder = EpisodeRecorder(env)
+    for share in np.linspace(0, 1, 9):
+        recorder.step(command(tuple(aside + share * (np.array([0, 0, 0.06]) - aside)), 1))
+    for height in np.linspace(0.06, 0, 16):
+        recorder.step(command((0, 0, height), 1))
+    for height in np.concatenate([np.zeros(8), np.linspace(0, 0.07, 8)]):
+        recorder.step(command((0, 0, height), -1))
+    return recorder.episode(EpisodeRecord(Source.TELEOP, "one_leg", "low", seed, Outcome.SUCCESS))

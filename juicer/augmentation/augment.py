@@ -166,10 +166,13 @@ def _attempts(
     limit = config.num_snippets * config.max_attempts_per_snippet
     with EnvironmentPool(references[0].task, num_workers, max_steps=_NO_STEP_LIMIT) as pool:
         for start in range(0, limit, BLOCK_SIZE):
-            block = list(pool.map(work, range(start, min(start + BLOCK_SIZE, limit))))
-            yield from block
-            for attempt in block:
-                counts[attempt.critical_state] += isinstance(attempt, Snippet)
+            kept: Counter[int] = Counter()
+            for attempt in pool.map(work, range(start, min(start + BLOCK_SIZE, limit))):
+                kept[attempt.critical_state] += isinstance(attempt, Snippet)
+                yield attempt
+            # Only now: attempts of a block must not see each other's results.
+            for state, count in kept.items():
+                counts[state] += count
 
 
 def _draw_reference(

@@ -28,21 +28,33 @@ class DepartureConfig(StrictConfig):
     distance_m: Range = Field(description="length of the move into the cone")
     polar_deg: Range = Field(description="angle of that move from the vertical; 90 is sideways")
     rotation_deg: float = Field(ge=0, le=180, description="bound of roll, pitch and yaw about the gripper's axes")
-    descent: Range = Field(default=(0.0, 0.0), description="share of the lift undone at the end; 1 is all of it")
+    descent: Range = Field(
+        default=(0.0, 0.0), description="share of the lift undone at the end; above 1, what is held presses down"
+    )
     step_m: Range = Field(description="travel an action, drawn once a snippet")
     step_deg: Range = Field(description="turn an action, drawn once a snippet")
 
 
 NEAR = DepartureConfig(
-    lift_m=(0.006, 0.03),
+    lift_m=(0.002, 0.03),
     distance_m=(0.001, 0.02),
     polar_deg=(60.0, 90.0),
     rotation_deg=4.0,
-    descent=(0.0, 1.0),
     step_m=(0.002, 0.006),
     step_deg=(2.0, 4.0),
 )
-"""Millimetres beside the goal, sometimes touching there: what a policy meets when it misses."""
+"""Millimetres beside and above the goal: what a policy meets when it aims a little wrong."""
+
+BESIDE = DepartureConfig(
+    lift_m=(0.004, 0.01),
+    distance_m=(0.002, 0.012),
+    polar_deg=(85.0, 90.0),
+    rotation_deg=3.0,
+    descent=(0.8, 1.5),
+    step_m=(0.002, 0.004),
+    step_deg=(2.0, 4.0),
+)
+"""Down beside the goal, often touching there: what a policy meets when it has missed. The way back goes up first."""
 
 FAR = DepartureConfig(
     lift_m=(0.0, 0.02),
@@ -78,7 +90,7 @@ class AugmentationConfig(StrictConfig):
 
     num_snippets: int = Field(default=96, gt=0, description="corrective episodes wanted")
     max_attempts_per_snippet: int = Field(default=4, gt=0, description="attempts after which to settle for less")
-    departures: dict[str, DepartureConfig] = Field(default={"near": NEAR, "far": FAR}, min_length=1)
+    departures: dict[str, DepartureConfig] = Field(default={"near": NEAR, "beside": BESIDE, "far": FAR}, min_length=1)
     steps_after_gripper_change: int = Field(
         default=5, gt=0, description="where a snippet ends and is checked, after the next gripper change (paper 30)"
     )

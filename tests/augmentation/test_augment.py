@@ -1,0 +1,141 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from juicer.augmentation import augment as module
+from juicer.augmentation.augment import Rejection, Snippet, augment, find_references
+from juicer.augmentation.config import AugmentationConfig, ToleranceConfig
+from juicer.augmentation.summary import AugmentationSummary
+from juicer.augmentation.verify import RejectionReason
+from juicer.episode import Episode, Outcome
+from juicer.errors import NothingLeft
+from juicer.storage.tables import Annotation
+
+STEP = 16
+CONFIG = AugmentationConfig(num_snippets=3)
+
+
+class Reader:
+    def __init__(self, episodes: Sequence[Episode]) -> None:
+        self.episodes = episodes
+
+    def read(self, index: int) -> Episode:
+        return self.episodes[index]
+
+
+def critical(episode: int, critical_state: int = 0, confidence: float = 1.0) -> Annotation:
+    return Annotation(episode, STEP, critical_state, "proposed", confidence)
+
+
+def run(
+    insertions: list[Episode], annotations: Sequence[Annotation] = (critical(0), critical(1)), **changes: Any
+) -> list[Snippet | Rejection]:
+    settings: dict[str, Any] = {"config": CONFIG, "seed": 0, "num_workers": 2} | changes
+    return list(augment(Reader(insertions), annotations, artifact="0123", **settings))
+
+
+@pytest.fixture(scope="module")
+def attempts(insertions: list[Episode]) -> list[Snippet | Rejection]:
+    return run(insertions)
+
+
+def snippets(attempts: Sequence[Snippet | Rejection]) -> list[Snippet]:
+    return [attempt for attempt in attempts if isinstance(attempt, Snippet)]
+
+
+def test_as_many_snippets_as_wanted_come_from_the_demonstrations(attempts: list[Snippet | Rejection]):
+    kept = snippets(attempts)
+    assert len(kept) == 3
+    assert {snippet.episode.record.parent for snippet in kept} <= {"0123/0", "0123/1"}
+    assert all(snippet.episode.record.critical_state == 0 for snippet in kept)
+    assert all(snippet.sideways_m > 0 for snippet in kept)
+
+
+def test_the_number_of_workers_changes_nothing(attempts: list[Snippet | Rejection], insertions: list[Episode]):
+    for first, second in zip(attempts, run(insertions, num_workers=3), strict=True):
+        if isinstance(first, Rejection):
+            assert first == second
+            continue
+        assert isinstance(second, Snippet)
+        assert first.episode.record == second.episode.record
+        for name, values in first.episode.steps.items():
+            np.testing.assert_array_equal(values, second.episode.steps[name])
+
+
+def test_another_seed_gives_other_snippets(attempts: list[Snippet | Rejection], insertions: list[Episode]):
+    one = CONFIG.model_copy(update={"num_snippets": 1})
+    first, second = snippets(attempts)[0], snippets(run(insertions, seed=1, config=one))[0]
+    assert first.sideways_m != second.sideways_m
+
+
+def test_wanting_fewer_snippets_gives_the_first_of_them(attempts: list[Snippet | Rejection], insertions: list[Episode]):
+    few = run(insertions, config=CONFIG.model_copy(update={"num_snippets": 1}), num_workers=1)
+    for first, second in zip(few, attempts, strict=False):
+        assert isinstance(first, Snippet) == isinstance(second, Snippet)
+        assert first.departure == second.departure
+
+
+def test_critical_states_are_balanced_even_if_one_is_rejected_more_often(
+    insertions: list[Episode], monkeypatch: pytest.MonkeyPatch
+):
+    def judge(env: object, reference: Any, config: object, rng: np.random.Generator) -> Snippet | Rejection:
+        if reference.critical_state == 1 and rng.random() < 0.7:
+            return Rejection(reference.parent, 1, "far", RejectionReason.DROPPED)
+        return Snippet(insertions[0], reference.critical_state, "far", 0.0, 0.0, 0.0)
+
+    monkeypatch.setattr(module, "attempt_snippet", judge)
+    annotations = [critical(0, 0), critical(1, 0), critical(0, 1)]
+    kept = snippets(run(insertions, annotations, config=AugmentationConfig(num_snippets=200)))
+    share = sum(snippet.critical_state == 1 for snippet in kept) / len(kept)
+    # One of three annotations, succeeding three times in ten: without the balance the share would be 0.13.
+    assert 0.3 < share < 0.45
+
+
+def test_uncertain_proposals_and_failures_are_not_used(insertions: list[Episode]):
+    failed = replace(insertions[1], record=replace(insertions[1].record, outcome=Outcome.TIMEOUT))
+    annotations = [critical(0, confidence=0.4), critical(1), critical(2)]
+    references = find_references(Reader([insertions[0], failed, insertions[0]]), annotations, CONFIG, "0123")
+    assert [reference.parent for reference in references] == ["0123/2"]
+
+
+def test_without_a_critical_state_there_is_nothing_to_do(insertions: list[Episode]):
+    with pytest.raises(NothingLeft, match=r"lower min_confidence \(now 0.5\)"):
+        run(insertions, [critical(0, confidence=0.1)])
+
+
+def test_if_every_attempt_fails_the_commonest_reason_is_told(insertions: list[Episode]):
+    impossible = AugmentationConfig(
+        num_snippets=2, max_attempts_per_snippet=2, tolerance=ToleranceConfig(position_m=1e-9)
+    )
+    with pytest.raises(NothingLeft, match="none of 4 augmentation attempts succeeded; 4 ended with 'part_position'"):
+        run(insertions, config=impossible)
+
+
+def test_a_snippet_that_does_not_replay_is_rejected(insertions: list[Episode], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(module, "reproduces", lambda env, episode: False)
+    config = AugmentationConfig(num_snippets=1, max_attempts_per_snippet=2)
+    with pytest.raises(NothingLeft, match="not_reproduced"):
+        run(insertions, config=config)
+
+
+def test_progress_counts_snippets_and_attempts(insertions: list[Episode]):
+    heard: list[tuple[int, int, object]] = []
+    run(insertions, progress=lambda done, total, **facts: heard.append((done, total, facts["attempts"])))
+    assert heard[-1][:2] == (3, 3)
+    assert [attempts for *_, attempts in heard] == list(range(1, len(heard) + 1))
+
+
+def test_the_summary_tells_the_yield(attempts: list[Snippet | Rejection]):
+    summary = AugmentationSummary()
+    episodes = list(summary.keep(attempts))
+    facts = summary.as_json()
+    assert facts["snippets"] == len(episodes) == 3
+    assert facts["yield"] == 3 / facts["attempts"]
+    assert facts["steps"] == sum(map(len, episodes))
+    assert sum(facts["start_sideways_mm"].values()) == 3
+    assert facts["snippets_by_critical_state"] == {"0": 3}

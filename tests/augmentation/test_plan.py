@@ -1,0 +1,96 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from juicer.augmentation.config import BESIDE, FAR, NEAR, PAPER, DepartureConfig
+from juicer.augmentation.plan import Departure, draw_kind, plan_departure, reverse
+from juicer.geometry import matrix_to_rot6d, rot6d_to_matrix, rotation_angle, rotvec_to_matrix
+
+START_ROTATION = rotvec_to_matrix(np.array([3.0, 0.4, 0.1]))
+START = np.concatenate([[0.5, 0.1, 0.08], matrix_to_rot6d(START_ROTATION)])
+
+
+def plan(config: DepartureConfig, seed: int = 0) -> Departure:
+    return plan_departure(START, "any", config, np.random.default_rng(seed))
+
+
+def path(config: DepartureConfig, seed: int = 0) -> NDArray[np.float64]:
+    return np.concatenate([START[None], plan(config, seed).targets])
+
+
+@pytest.mark.parametrize("config", [NEAR, BESIDE, FAR, PAPER])
+@pytest.mark.parametrize("seed", range(20))
+def test_no_step_is_longer_than_allowed(config: DepartureConfig, seed: int):
+    poses = path(config, seed)
+    assert np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1).max() <= config.step_m[1] + 1e-9
+    rotations = rot6d_to_matrix(poses[:, 3:])
+    assert np.degrees(rotation_angle(rotations[:-1], rotations[1:])).max() <= config.step_deg[1] + 1e-6
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_hand_moves_off_into_the_cone(seed: int):
+    config = FAR.model_copy(update={"lift_m": (0.03, 0.03)})
+    end = path(config, seed)[-1]
+    away = end[:3] - START[:3] - (0, 0, 0.03)
+    distance = np.linalg.norm(away)
+    assert config.distance_m[0] <= distance <= config.distance_m[1]
+    polar = np.degrees(np.arccos(away[2] / distance))
+    assert config.polar_deg[0] - 1e-6 <= polar <= config.polar_deg[1] + 1e-6
+
+
+def test_it_lifts_before_anything_else():
+    config = FAR.model_copy(update={"lift_m": (0.03, 0.03), "step_m": (0.01, 0.01)})
+    targets = plan(config).targets
+    np.testing.assert_allclose(targets[:3, :3], START[:3] + np.outer([0.01, 0.02, 0.03], [0, 0, 1]))
+    np.testing.assert_allclose(targets[:3, 3:], np.tile(START[3:], (3, 1)), atol=1e-12)
+
+
+def test_it_turns_on_the_spot():
+    targets = plan(FAR, seed=3).targets
+    turning = np.any(np.abs(np.diff(targets[:, 3:], axis=0)) > 1e-9, axis=1)
+    assert turning.any()
+    np.testing.assert_allclose(np.diff(targets[:, :3], axis=0)[turning], 0, atol=1e-12)
+
+
+def test_a_descent_of_one_undoes_the_lift():
+    config = BESIDE.model_copy(update={"descent": (1.0, 1.0), "polar_deg": (90.0, 90.0)})
+    assert path(config)[-1, 2] == pytest.approx(START[2])
+
+
+def test_nothing_to_do_is_no_departure():
+    still = DepartureConfig(
+        lift_m=(0, 0), distance_m=(0, 0), polar_deg=(0, 0), rotation_deg=0, step_m=(0.01, 0.01), step_deg=(5, 5)
+    )
+    assert plan(still).targets.shape == (0, 9)
+
+
+def test_directions_are_spread_all_around():
+    ends = np.array([path(NEAR, seed)[-1, :2] - START[:2] for seed in range(200)])
+    quadrants = np.unique(np.sign(ends), axis=0, return_counts=True)[1]
+    assert len(quadrants) == 4
+    assert quadrants.min() > 30
+
+
+def test_the_same_draws_give_the_same_plan():
+    np.testing.assert_array_equal(plan(FAR, 5).targets, plan(FAR, 5).targets)
+    assert plan(FAR, 5).targets.shape != plan(FAR, 6).targets.shape or not np.allclose(
+        plan(FAR, 5).targets, plan(FAR, 6).targets
+    )
+
+
+def test_the_way_back_ends_at_the_critical_pose():
+    achieved = path(FAR)
+    back = reverse(achieved)
+    assert len(back) == len(achieved) - 1
+    np.testing.assert_array_equal(back[0], achieved[-2])
+    np.testing.assert_array_equal(back[-1], START)
+    assert len(reverse(START[None])) == 0
+
+
+def test_kinds_are_drawn_by_weight():
+    kinds = {"often": FAR.model_copy(update={"weight": 3.0}), "seldom": NEAR}
+    rng = np.random.default_rng(0)
+    drawn = [draw_kind(kinds, rng) for _ in range(2000)]
+    assert drawn.count("often") / len(drawn) == pytest.approx(0.75, abs=0.04)

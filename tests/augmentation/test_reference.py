@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from juicer.augmentation.reference import reference_of
+from juicer.episode import STATE_KEY, Episode
+
+
+def with_gripper(episode: Episode, commands: Sequence[float]) -> Episode:
+    action = episode.steps["action"].copy()
+    action[:, 9] = commands
+    return Episode(episode.record, {**episode.steps, "action": action}, episode.final)
+
+
+def test_a_reference_runs_until_some_steps_after_the_next_gripper_change(episode_factory: Callable[..., Episode]):
+    demonstration = with_gripper(episode_factory(20, seed=4), [1.0] * 8 + [-1.0] * 12)
+    reference = reference_of(demonstration, "0123/6", 3, 0, steps_after_gripper_change=5)
+    np.testing.assert_array_equal(reference.actions, demonstration.steps["action"][3:13])
+    np.testing.assert_array_equal(reference.part_poses, demonstration.steps["part_poses"][13])
+    np.testing.assert_array_equal(reference.state, demonstration.steps[STATE_KEY][3])
+    np.testing.assert_array_equal(reference.pose, demonstration.steps["proprioception"][3, :9])
+    assert reference.gripper == 1.0
+    assert (reference.parent, reference.seed, reference.critical_state) == ("0123/6", 4, 0)
+
+
+def test_a_reference_ends_with_its_demonstration(episode_factory: Callable[..., Episode]):
+    for commands in ([1.0] * 18 + [-1.0] * 2, [1.0] * 20):
+        demonstration = with_gripper(episode_factory(20), commands)
+        reference = reference_of(demonstration, "0123/6", 3, 0, steps_after_gripper_change=5)
+        assert len(reference.actions) == 17
+        np.testing.assert_array_equal(reference.part_poses, demonstration.final["part_poses"])
+
+
+def test_a_command_that_keeps_the_gripper_is_spelt_out(episode_factory: Callable[..., Episode]):
+    demonstration = with_gripper(episode_factory(20), [1.0] + [0.0] * 9 + [-1.0] * 10)
+    assert reference_of(demonstration, "0123/6", 3, 0, steps_after_gripper_change=5).gripper == 1.0
