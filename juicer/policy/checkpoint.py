@@ -128,4 +128,6 @@ def _fill(network: PolicyNetwork, weights: Mapping[str, Tensor], origin: str) ->
     try:
         network.load_state_dict(dict(weights))
     except RuntimeError as error:
-        raise InvalidCheckpoint(f"{origin} does not fit its own configuration: {' '.join(str(error).split())}") from None
+        raise InvalidCheckpoint(
+            f"{origin} does not fit its own configuration: {' '.join(str(error).split())}"
+        ) from None

@@ -5,15 +5,15 @@ Ho et al. 2020; squared-cosine schedule of Nichol and Dhariwal 2021; sampler of 
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from juicer.policy.config import DiffusionConfig, UNetConfig
 from juicer.policy.denoiser import Denoiser
-from juicer.policy.head import ActionHead
+from juicer.policy.head import ActionHead, squared_error
 from juicer.policy.mlp_denoiser import MLPDenoiser
 from juicer.policy.unet import UNetDenoiser
 
@@ -62,24 +62,25 @@ class DiffusionHead(ActionHead):
         step = torch.randint(self.config.train_timesteps, (len(chunk),), device=chunk.device)
         noisy = self.signal_scale[step, None, None] * chunk + self.noise_scale[step, None, None] * noise
         target = noise if self.config.prediction == "epsilon" else chunk
-        return functional.mse_loss(self.denoiser(noisy, step, condition).float(), target, reduction="none")
+        return squared_error(self.denoiser(noisy, step, condition), target)
 
     def sample(self, condition: Tensor, noise: Tensor) -> Tensor:
         """Walk from noise to a chunk within [-1, 1]."""
-        chunk, steps = noise, sampling_steps(self.config)
-        for step, next_step in zip(steps, [*steps[1:], None], strict=True):
-            signal_scale, noise_scale = self.signal_scale[step], self.noise_scale[step]
-            output = self.denoiser(chunk, torch.full((len(noise),), step, device=noise.device), condition)
-            if self.config.prediction == "epsilon":
-                clean = ((chunk - noise_scale * output) / signal_scale).clamp(-1, 1)
-            else:
-                clean = output.clamp(-1, 1)
-            if next_step is None:
-                return clean
+        steps = sampling_steps(self.config)
+        clean = self._clean_chunk(noise, steps[0], condition)
+        noisy = noise
+        for step, next_step in itertools.pairwise(steps):
             # The noise that is consistent with the clipped chunk, so that clipping is never undone.
-            remaining = (chunk - signal_scale * clean) / noise_scale
-            chunk = self.signal_scale[next_step] * clean + self.noise_scale[next_step] * remaining
-        return chunk
+            remaining = (noisy - self.signal_scale[step] * clean) / self.noise_scale[step]
+            noisy = self.signal_scale[next_step] * clean + self.noise_scale[next_step] * remaining
+            clean = self._clean_chunk(noisy, next_step, condition)
+        return clean
+
+    def _clean_chunk(self, noisy: Tensor, step: int, condition: Tensor) -> Tensor:
+        output: Tensor = self.denoiser(noisy, torch.full((len(noisy),), step, device=noisy.device), condition)
+        if self.config.prediction == "epsilon":
+            output = (noisy - self.noise_scale[step] * output) / self.signal_scale[step]
+        return output.clamp(-1, 1)
 
 
 def _build_denoiser(pred_horizon: int, action_size: int, condition_size: int, config: DiffusionConfig) -> Denoiser:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
+import torch
 from torch import Tensor, nn
 
 
@@ -17,3 +18,9 @@ class ActionHead(nn.Module, ABC):
     @abstractmethod
     def sample(self, condition: Tensor, noise: Tensor) -> Tensor:
         """Action chunks ``(B, T_p, A)``, a deterministic function of condition and ``noise`` ``(B, T_p, A)``."""
+
+
+def squared_error(predicted: Tensor, target: Tensor) -> Tensor:
+    """Squared error of every entry, in single precision even if the prediction is not."""
+    squared: Tensor = torch.square(predicted.float() - target)
+    return squared

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from juicer.policy.config import MLPConfig
-from juicer.policy.head import ActionHead
+from juicer.policy.head import ActionHead, squared_error
 
 
 class ResidualLayer(nn.Module):
@@ -16,9 +16,7 @@ class ResidualLayer(nn.Module):
 
     def __init__(self, width: int, dropout: float) -> None:
         super().__init__()
-        self.inner = nn.Sequential(
-            nn.Linear(width, width), nn.ReLU(), nn.Dropout(dropout), nn.Linear(width, width)
-        )
+        self.inner = nn.Sequential(nn.Linear(width, width), nn.ReLU(), nn.Dropout(dropout), nn.Linear(width, width))
 
     def forward(self, x: Tensor) -> Tensor:
         """``(B, width) -> (B, width)``."""
@@ -42,7 +40,7 @@ class MLPHead(ActionHead):
 
     def compute_loss(self, condition: Tensor, chunk: Tensor) -> Tensor:
         """Squared error of every entry, ``(B, T_p, A)``."""
-        return functional.mse_loss(self(condition).float(), chunk, reduction="none")
+        return squared_error(self(condition), chunk)
 
     def sample(self, condition: Tensor, noise: Tensor) -> Tensor:
         """The prediction; it has no randomness, ``noise`` only gives the shape."""
@@ -50,4 +48,4 @@ class MLPHead(ActionHead):
 
     def forward(self, condition: Tensor) -> Tensor:
         """``(B, C) -> (B, T_p, A)``."""
-        return cast(Tensor, self.layers(condition)).unflatten(-1, self.chunk_shape)
+        return cast(Tensor, self.layers(condition)).reshape(-1, *self.chunk_shape)

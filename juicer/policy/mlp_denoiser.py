@@ -50,4 +50,4 @@ class MLPDenoiser(Denoiser):
         x = self.stem(noisy.flatten(1))
         for block, scale, shift in zip(self.blocks, modulation[::2], modulation[1::2], strict=True):
             x = block(x, scale, shift)
-        return cast(Tensor, self.head(x)).unflatten(-1, self.chunk_shape)
+        return cast(Tensor, self.head(x)).reshape(-1, *self.chunk_shape)

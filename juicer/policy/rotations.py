@@ -23,7 +23,7 @@ def quat_to_matrix(quat_wxyz: Tensor) -> Tensor:
         2 * (y * z + w * x),
         1 - 2 * (x * x + y * y),
     ]
-    return torch.stack(entries, dim=-1).unflatten(-1, (3, 3))
+    return torch.stack(entries, dim=-1).reshape(*quat_wxyz.shape[:-1], 3, 3)
 
 
 def rot6d_to_matrix(rot6d: Tensor) -> Tensor:
@@ -54,7 +54,7 @@ def euler_xyz_to_matrix(angles_rad: Tensor) -> Tensor:
         sa * cc + ca * sb * sc,
         ca * cb,
     ]
-    return torch.stack(entries, dim=-1).unflatten(-1, (3, 3))
+    return torch.stack(entries, dim=-1).reshape(*angles_rad.shape[:-1], 3, 3)
 
 
 def rotate_back(matrix: Tensor, vector: Tensor) -> Tensor:

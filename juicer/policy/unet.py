@@ -61,10 +61,10 @@ class UNetDenoiser(Denoiser):
             )
 
         self.down = nn.ModuleList([level(action_size, low), level(low, middle), level(middle, high)])
-        self.halve = nn.ModuleList([nn.Conv1d(channels, channels, 3, 2, 1) for channels in (low, middle)])
+        self.downsample = nn.ModuleList([nn.Conv1d(channels, channels, 3, 2, 1) for channels in (low, middle)])
         self.middle = level(high, high)
         self.up = nn.ModuleList([level(2 * high, middle), level(2 * middle, low)])
-        self.double = nn.ModuleList([nn.ConvTranspose1d(channels, channels, 4, 2, 1) for channels in (middle, low)])
+        self.upsample = nn.ModuleList([nn.ConvTranspose1d(channels, channels, 4, 2, 1) for channels in (middle, low)])
         self.head = nn.Sequential(ConvBlock(low, low, config), nn.Conv1d(low, action_size, 1))
 
     def forward(self, noisy: Tensor, step: Tensor, condition: Tensor) -> Tensor:
@@ -77,9 +77,9 @@ class UNetDenoiser(Denoiser):
             return x
 
         fine = run(self.down[0], noisy.transpose(1, 2))
-        medium = run(self.down[1], self.halve[0](fine))
-        coarse = run(self.down[2], self.halve[1](medium))
+        medium = run(self.down[1], self.downsample[0](fine))
+        coarse = run(self.down[2], self.downsample[1](medium))
         x = run(self.middle, coarse)
-        x = self.double[0](run(self.up[0], torch.cat([x, coarse], dim=1)))
-        x = self.double[1](run(self.up[1], torch.cat([x, medium], dim=1)))
+        x = self.upsample[0](run(self.up[0], torch.cat([x, coarse], dim=1)))
+        x = self.upsample[1](run(self.up[1], torch.cat([x, medium], dim=1)))
         return torch.as_tensor(self.head(x)).transpose(1, 2)

@@ -1,0 +1,53 @@
+"""How a policy is trained, as configuration."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from juicer.config import StrictConfig
+from juicer.training.state_noise import OriginalStateNoise, PhysicalStateNoise
+
+
+class WindowConfig(StrictConfig):
+    """How windows of T_p actions are cut at the end of an episode."""
+
+    back_padding: int = Field(
+        default=7,
+        ge=0,
+        description="times the last action may be repeated to complete a window; an episode of length L gives "
+        "L + T_o + back_padding - T_p windows (the original: 7, and 0 with augmentation, which loses short snippets)",
+    )
+    learn_padding: bool = Field(
+        default=True, description="whether repeated actions are targets too, or left out of the loss"
+    )
+
+
+class TrainingConfig(StrictConfig):
+    """Optimisation; the defaults are the paper's (Table III) where it speaks."""
+
+    steps: int = Field(default=160_000, gt=0)
+    batch_size: int = Field(default=256, gt=0)
+    learning_rate: float = Field(default=1e-4, gt=0)
+    weight_decay: float = Field(default=1e-6, ge=0)
+    warmup_steps: int = Field(
+        default=500, ge=0, description="linear rise of the learning rate; a cosine to zero follows"
+    )
+    ema_decay: float | None = Field(default=None, gt=0, lt=1, description="the moving average acts, if there is one")
+    precision: Literal["fp32", "bf16", "auto"] = Field(
+        default="fp32", description="arithmetic of the network; 'auto' is bf16 where the processor has it"
+    )
+    threads: int = Field(default=1, gt=0)
+    windows: WindowConfig = WindowConfig()
+    state_noise: Annotated[PhysicalStateNoise | OriginalStateNoise, Field(discriminator="kind")] | None = None
+    validation_fraction: float = Field(default=0.05, ge=0, lt=1, description="share of the episodes held out")
+    validate_every: int = Field(default=1000, gt=0, description="steps")
+    report_every: int = Field(default=50, gt=0, description="steps")
+    save_every: int = Field(default=500, gt=0, description="steps between saves of the state to resume from")
+
+    @model_validator(mode="after")
+    def _warmup_ends(self) -> Self:
+        if self.warmup_steps >= self.steps:
+            raise ValueError(f"warmup_steps must be below steps, got {self.warmup_steps} >= {self.steps}")
+        return self

@@ -1,0 +1,106 @@
+"""One network and what makes it learn: optimiser, schedule, precision, moving average."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor
+
+from juicer.policy.compute import has_fast_bfloat16
+from juicer.policy.network import PolicyNetwork
+from juicer.seeding import stream
+from juicer.training.config import TrainingConfig
+from juicer.training.table import Batch
+
+MOMENTS = ("exp_avg", "exp_avg_sq")
+"""What AdamW remembers of each parameter, by its own names."""
+
+
+def learning_rate(step: int, config: TrainingConfig) -> float:
+    """Rate of a step, counted from 0: linear warm-up, then a cosine that ends at zero."""
+    if step < config.warmup_steps:
+        return config.learning_rate * (step + 1) / config.warmup_steps
+    done = (step - config.warmup_steps) / (config.steps - config.warmup_steps)
+    return config.learning_rate * 0.5 * (1 + math.cos(math.pi * done))
+
+
+class Learner:
+    """Takes training steps whose randomness is a function of seed and step alone.
+
+    Attributes:
+        network: The network that learns.
+        ema: Moving average of its weights, if one is kept.
+    """
+
+    def __init__(self, network: PolicyNetwork, config: TrainingConfig, seed: int, device: torch.device) -> None:
+        self.network = network.train()
+        self.ema = copy.deepcopy(network).requires_grad_(False).eval() if config.ema_decay else None
+        self._config = config
+        self._seed = seed
+        self._device = device
+        self._use_bfloat16 = config.precision == "bf16" or (
+            config.precision == "auto" and (device.type != "cpu" or has_fast_bfloat16())
+        )
+        self._parameters = list(network.parameters())
+        self._optimizer = torch.optim.AdamW(
+            self._parameters, lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
+        )
+
+    @property
+    def acting(self) -> PolicyNetwork:
+        """The network that would act: the moving average, if one is kept."""
+        return self.network if self.ema is None else self.ema
+
+    def seed_step(self, step: int) -> None:
+        """Set torch's global random state for everything random in a step."""
+        torch.manual_seed(int(stream(self._seed, "step", step).integers(2**63)))
+
+    def learn(self, batch: Batch, step: int) -> Tensor:
+        """Take one training step and return its loss, a scalar."""
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=self._use_bfloat16):
+            losses = self.network.compute_loss(batch.prepared, batch.chunk)
+        loss = batch.average(losses)
+        self._optimizer.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        self._optimizer.param_groups[0]["lr"] = learning_rate(step, self._config)
+        self._optimizer.step()
+        self._average(step)
+        return loss.detach()
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Everything that a later :meth:`learn` depends on, by name."""
+        tensors = {f"network.{name}": value for name, value in self.network.state_dict().items()}
+        if self.ema is not None:
+            tensors |= {f"ema.{name}": value for name, value in self.ema.state_dict().items()}
+        for index, parameter in enumerate(self._parameters):
+            tensors |= {f"{moment}.{index}": self._optimizer.state[parameter][moment] for moment in MOMENTS}
+        return tensors
+
+    def restore(self, tensors: Mapping[str, Tensor], step: int) -> None:
+        """Continue where :meth:`tensors` were taken after ``step`` steps."""
+        self.network.load_state_dict(_below("network.", tensors))
+        if self.ema is not None:
+            self.ema.load_state_dict(_below("ema.", tensors))
+        state = self._optimizer.state_dict()
+        state["state"] = {
+            index: {"step": torch.tensor(float(step)), **{name: tensors[f"{name}.{index}"] for name in MOMENTS}}
+            for index in range(len(self._parameters))
+        }
+        self._optimizer.load_state_dict(state)
+
+    @torch.no_grad()
+    def _average(self, step: int) -> None:
+        if self.ema is None or self._config.ema_decay is None:
+            return
+        # Early on a long memory would mostly remember the initial weights.
+        decay = min(self._config.ema_decay, (1 + step) / (10 + step))
+        averages: list[Tensor] = list(self.ema.parameters())
+        current: list[Tensor] = list(self._parameters)
+        torch._foreach_lerp_(averages, current, 1 - decay)
+
+
+def _below(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    return {name.removeprefix(prefix): value for name, value in tensors.items() if name.startswith(prefix)}

@@ -1,0 +1,78 @@
+"""The state of an unfinished training, in one file that is replaced whole: a kill leaves the old one or the new one."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from juicer.config import canonical_json
+from juicer.training.windows import TrainingEpisodes
+
+STATE_FILE = "training_state.safetensors"
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class TrainingState:
+    """All that a training carries from one step to the next; its randomness is a function of seed and step.
+
+    Attributes:
+        identity: What is being trained; see :func:`training_identity`.
+        step: Steps taken.
+        tensors: Weights, moving average, optimiser moments and running sums by name.
+    """
+
+    identity: str
+    step: int
+    tensors: Mapping[str, Tensor]
+
+
+def training_identity(episodes: TrainingEpisodes, settings: Mapping[str, object]) -> str:
+    """Digest of data and settings, which keeps a state from being continued as something else."""
+    digest = hashlib.sha256(canonical_json(settings).encode())
+    for name in sorted(episodes.observations):
+        digest.update(episodes.observations[name].tobytes())
+    digest.update(episodes.actions.tobytes())
+    digest.update(episodes.episode_ends.tobytes())
+    digest.update("\n".join(episodes.families).encode())
+    return digest.hexdigest()
+
+
+def save_state(folder: Path, state: TrainingState) -> None:
+    """Replace the state in ``folder``, which is made if it does not exist."""
+    folder.mkdir(parents=True, exist_ok=True)
+    draft = folder / f"{STATE_FILE}.draft"
+    facts = {"identity": state.identity, "step": state.step}
+    save_file(dict(state.tensors), draft, metadata={"state": json.dumps(facts)})
+    with draft.open("rb") as file:
+        os.fsync(file.fileno())
+    draft.replace(folder / STATE_FILE)
+
+
+def load_state(folder: Path, identity: str) -> TrainingState | None:
+    """The state to continue from, or None; one that is damaged or of another training is passed over with a warning."""
+    path = folder / STATE_FILE
+    if not path.exists():
+        return None
+    try:
+        with safe_open(path, framework="pt") as file:
+            facts = json.loads((file.metadata() or {})["state"])
+            tensors: dict[str, torch.Tensor] = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except (OSError, SafetensorError, KeyError, ValueError) as error:
+        logger.warning("training starts afresh: the state '%s' cannot be read: %s", path, error)
+        return None
+    if facts["identity"] != identity:
+        logger.warning("training starts afresh: the state '%s' is of other data or settings", path)
+        return None
+    return TrainingState(identity=identity, step=facts["step"], tensors=tensors)

@@ -1,0 +1,62 @@
+"""The state-noise baseline: perturb what the robot believes about itself, leave its targets where they were.
+
+The absolute target then pulls back to the demonstration. Relative actions must therefore be computed from the
+perturbed pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+import torch
+from pydantic import Field
+from torch import Tensor
+
+from juicer.config import StrictConfig
+from juicer.policy.encoder import Prepared
+from juicer.policy.features import POSITION, ROTATION
+from juicer.policy.rotations import euler_xyz_to_matrix, matrix_to_rot6d, rot6d_to_matrix
+
+
+class PhysicalStateNoise(StrictConfig):
+    """Noise in metres and radians, as the paper describes it."""
+
+    kind: Literal["physical"] = "physical"
+    probability: float = Field(default=0.2, ge=0, le=1, description="share of the samples of every batch")
+    position_m: float = Field(default=0.01, ge=0, description="standard deviation on each axis")
+    rotation_rad: float = Field(default=0.1, ge=0, description="standard deviation of each Euler angle")
+
+
+class OriginalStateNoise(StrictConfig):
+    """Noise as the original's code adds it: to the *normalised* state.
+
+    0.01 normalised units are 2 to 3 mm, and the rotated 6D numbers leave the normalised scale.
+    """
+
+    kind: Literal["original"] = "original"
+    probability: float = Field(default=0.2, ge=0, le=1, description="share of the samples of every batch")
+    position: float = Field(default=0.01, ge=0, description="standard deviation on each axis, normalised units")
+    rotation_rad: float = Field(default=0.1, ge=0, description="standard deviation of each Euler angle")
+
+
+StateNoise = PhysicalStateNoise | OriginalStateNoise
+
+
+def perturb_observations(observations: Mapping[str, Tensor], noise: PhysicalStateNoise) -> dict[str, Tensor]:
+    """Observations ``(B, T_o, D)`` with the end effector displaced, by the same amount in all ``T_o`` steps."""
+    moved = _displaced(observations["proprioception"], noise.position_m, noise.rotation_rad)
+    return {**observations, "proprioception": moved}
+
+
+def perturb_prepared(prepared: Prepared, noise: OriginalStateNoise) -> dict[str, Tensor]:
+    """Normalised state features ``(B, T_o, F)``, which begin with the proprioception, perturbed like the original's."""
+    return {**prepared, "state": _displaced(prepared["state"], noise.position, noise.rotation_rad)}
+
+
+def _displaced(state: Tensor, position: float, rotation_rad: float) -> Tensor:
+    """Rows ``(B, T_o, D)`` that begin with position and 6D rotation; the turn is in the gripper's own axes."""
+    offset = position * torch.randn(len(state), 1, 3, device=state.device)
+    turn = euler_xyz_to_matrix(rotation_rad * torch.randn(len(state), 1, 3, device=state.device))
+    rotation = matrix_to_rot6d(rot6d_to_matrix(state[..., ROTATION]) @ turn)
+    return torch.cat([state[..., POSITION] + offset, rotation, state[..., 9:]], dim=-1)

@@ -1,0 +1,201 @@
+"""The training loop: the same data, settings and seed give the same weights, however often it is interrupted."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from juicer.errors import ConfigError, TrainingFailed
+from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetadata
+from juicer.policy.compute import compute_settings
+from juicer.policy.config import PolicyConfig
+from juicer.policy.features import FeatureSpec
+from juicer.policy.network import PolicyNetwork, build_policy
+from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progress
+from juicer.seeding import stream
+from juicer.training.config import TrainingConfig
+from juicer.training.learner import Learner, learning_rate
+from juicer.training.state import TrainingState, load_state, save_state, training_identity
+from juicer.training.state_noise import OriginalStateNoise
+from juicer.training.table import BatchOrder, WindowTable
+from juicer.training.validation import validate
+from juicer.training.windows import TrainingEpisodes, concatenate, cut_windows, split_episodes
+
+
+@dataclass(frozen=True)
+class TrainedCheckpoint:
+    """What a training leaves behind.
+
+    Attributes:
+        checkpoint: Weights and configuration.
+        facts: Numbers worth knowing: size of network and data, last losses and validation.
+    """
+
+    checkpoint: Checkpoint
+    facts: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class TrainingTables:
+    """Windows to learn from, and those of the held-out episodes if there are any."""
+
+    learned: WindowTable
+    held_out: WindowTable | None
+
+
+def train(
+    sources: Sequence[TrainingEpisodes],
+    policy: PolicyConfig,
+    features: FeatureSpec,
+    config: TrainingConfig,
+    *,
+    seed: int,
+    scratch: Path | None = None,
+    device: str = "cpu",
+    progress: Progress = silent_progress,
+    metrics: MetricSink | None = None,
+) -> TrainedCheckpoint:
+    """Train a policy by imitation.
+
+    Args:
+        sources: Episodes to imitate; windows of all sources are equally likely.
+        policy: What the policy is made of.
+        features: Numbers of the assembly task.
+        config: How to train.
+        seed: Decides initial weights, split, order and noise.
+        scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
+            training continues from it, bit for bit on a CPU.
+        device: Torch device; a fact about the machine, not part of what is trained.
+        progress: Told of steps done, with the loss and the seconds left.
+        metrics: Told of loss, learning rate and validation.
+
+    Raises:
+        ConfigError: If settings contradict each other.
+        TrainingFailed: If there is too little data, or the loss is no longer a number.
+    """
+    if isinstance(config.state_noise, OriginalStateNoise) and policy.action_frame != "absolute":
+        raise ConfigError(
+            "state_noise 'original' perturbs normalised numbers, from which no pose for relative actions can be "
+            "taken; use state_noise 'physical' or action_frame 'absolute'"
+        )
+    episodes = concatenate(sources)
+    torch_device = torch.device(device)
+    devices = [] if torch_device.type == "cpu" else [torch_device]
+    with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
+        network = build_policy(policy, features, int(stream(seed, "weights").integers(2**63))).to(torch_device)
+        tables = build_tables(episodes, network, config, seed, torch_device)
+        learner = Learner(network, config, seed, torch_device)
+        loop = _Loop(learner, tables, config, seed, metrics or NullMetricSink())
+        identity = training_identity(episodes, _settings(policy, features, config, seed))
+        facts = loop.run(identity, scratch, progress)
+    metadata = CheckpointMetadata(
+        schema_version=SCHEMA_VERSION,
+        policy=policy,
+        features=features,
+        acting_weights="raw" if learner.ema is None else "ema",
+        step=config.steps,
+    )
+    ema = None if learner.ema is None else _on_cpu(learner.ema)
+    return TrainedCheckpoint(Checkpoint(metadata, _on_cpu(network), ema), facts)
+
+
+def build_tables(
+    episodes: TrainingEpisodes, network: PolicyNetwork, config: TrainingConfig, seed: int, device: torch.device
+) -> TrainingTables:
+    """Split the episodes, cut their windows, and fit the network's normalisers to those it learns from.
+
+    Raises:
+        TrainingFailed: If a side of the split has no window.
+    """
+    sides = split_episodes(episodes.families, config.validation_fraction, stream(seed, "split"))
+    tables = []
+    for side in sides:
+        windows = cut_windows(episodes.episode_ends, side, network.config.horizons, config.windows.back_padding)
+        if len(side):
+            tables.append(WindowTable(episodes, windows, network, config.windows.learn_padding, device))
+    tables[0].fit()
+    for table in tables:
+        table.normalize()
+    return TrainingTables(learned=tables[0], held_out=tables[1] if len(tables) > 1 else None)
+
+
+class _Loop:
+    """Steps, reports, validations and saves in their order."""
+
+    def __init__(
+        self, learner: Learner, tables: TrainingTables, config: TrainingConfig, seed: int, metrics: MetricSink
+    ) -> None:
+        self._learner = learner
+        self._tables = tables
+        self._config = config
+        self._metrics = metrics
+        self._order = BatchOrder(len(tables.learned), config.batch_size, seed)
+        self._loss_sum = torch.zeros(())
+        self._facts = {
+            "num_parameters": float(learner.network.num_parameters),
+            "num_windows": float(len(tables.learned)),
+        }
+
+    def run(self, identity: str, scratch: Path | None, progress: Progress) -> Mapping[str, float]:
+        """Train to the end, from the state in ``scratch`` if there is one; returns facts about the result."""
+        config = self._config
+        first = self._resume(identity, scratch)
+        started = time.monotonic()
+        for step in range(first, config.steps):
+            self._learner.seed_step(step)
+            batch = self._tables.learned.batch(self._order.rows(step), config.state_noise)
+            self._loss_sum += self._learner.learn(batch, step).cpu()
+            done = step + 1
+            if done % config.report_every == 0 or done == config.steps:
+                self._report(done)
+                seconds_left = (time.monotonic() - started) / (done - first) * (config.steps - done)
+                progress(done, config.steps, loss=self._facts["train/loss"], seconds_left=round(seconds_left))
+            if done % config.validate_every == 0 or done == config.steps:
+                self._validate(done)
+            if scratch is not None and done % config.save_every == 0 and done < config.steps:
+                tensors = {**self._learner.tensors(), "loss_sum": self._loss_sum}
+                save_state(scratch, TrainingState(identity, done, tensors))
+        return self._facts
+
+    def _resume(self, identity: str, scratch: Path | None) -> int:
+        state = None if scratch is None else load_state(scratch, identity)
+        if state is None:
+            return 0
+        self._learner.restore(state.tensors, state.step)
+        self._loss_sum = state.tensors["loss_sum"].clone()
+        return state.step
+
+    def _report(self, done: int) -> None:
+        num_summed = done % self._config.report_every or self._config.report_every
+        loss = float(self._loss_sum) / num_summed
+        self._loss_sum.zero_()
+        if not math.isfinite(loss):
+            raise TrainingFailed(
+                f"the loss is no longer a number by step {done}; lower training.learning_rate "
+                f"(now {self._config.learning_rate}) or look for outliers in the episodes"
+            )
+        rate = learning_rate(done - 1, self._config)
+        self._record({"train/loss": loss, "train/learning_rate": rate}, done)
+
+    def _validate(self, done: int) -> None:
+        if self._tables.held_out is not None:
+            self._record(validate(self._learner.acting, self._tables.held_out), done)
+
+    def _record(self, metrics: Mapping[str, float], step: int) -> None:
+        self._metrics.log(metrics, step)
+        self._facts |= metrics
+
+
+def _settings(policy: PolicyConfig, features: FeatureSpec, config: TrainingConfig, seed: int) -> dict[str, object]:
+    sections = {"policy": policy, "features": features, "training": config}
+    return {"seed": seed, **{name: section.model_dump(mode="json") for name, section in sections.items()}}
+
+
+def _on_cpu(network: PolicyNetwork) -> dict[str, Tensor]:
+    return {name: value.detach().cpu() for name, value in network.state_dict().items()}

@@ -1,0 +1,55 @@
+"""How well a policy does on episodes it was not trained on."""
+
+from __future__ import annotations
+
+import torch
+
+from juicer.policy.features import POSITION, ROTATION
+from juicer.policy.network import PolicyNetwork
+from juicer.policy.rotations import rot6d_to_matrix
+from juicer.seeding import stream
+from juicer.training.table import WindowTable
+
+VALIDATION_ROWS = 1024
+"""Windows that a validation looks at; always the same ones."""
+VALIDATION_SEED = 0
+
+
+@torch.no_grad()
+def validate(network: PolicyNetwork, table: WindowTable) -> dict[str, float]:
+    """Loss, and errors of the chunk that would be executed; always with the same windows and the same noise.
+
+    Returns:
+        ``validation/loss``; ``validation/position_error_mm``, mean distance between predicted and recorded target
+        positions over the T_a executed actions; ``validation/rotation_error_deg`` likewise; and
+        ``validation/gripper_accuracy``, share of executed actions whose gripper command has the right sign.
+    """
+    order = stream(VALIDATION_SEED, "validation").permutation(len(table))[:VALIDATION_ROWS]
+    rows = torch.from_numpy(order)
+    was_training = network.training
+    network.eval()
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(VALIDATION_SEED)
+        batch = table.batch(rows)
+        recorded, proprioception = table.recorded(rows)
+        loss = batch.average(network.compute_loss(batch.prepared, batch.chunk))
+        predicted = network.act(batch.prepared, proprioception, torch.randn(recorded.shape).to(recorded.device))
+    network.train(was_training)
+    horizons = network.config.horizons
+    executed = slice(horizons.obs - 1, horizons.obs - 1 + horizons.action)
+    predicted, recorded = predicted[:, executed], recorded[:, executed]
+    distance_m = (predicted - recorded)[..., POSITION].norm(dim=-1)
+    same_sign = (predicted[..., 9] > 0) == (recorded[..., 9] > 0)
+    return {
+        "validation/loss": float(loss),
+        "validation/position_error_mm": 1000 * float(distance_m.mean()),
+        "validation/rotation_error_deg": float(_angle_rad(predicted, recorded).rad2deg().mean()),
+        "validation/gripper_accuracy": float(same_sign.float().mean()),
+    }
+
+
+def _angle_rad(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+    first_matrix, second_matrix = rot6d_to_matrix(first[..., ROTATION]), rot6d_to_matrix(second[..., ROTATION])
+    # Frobenius distance = 2 sqrt(2) sin(angle / 2), which is well conditioned for small angles.
+    distance = (first_matrix - second_matrix).flatten(-2).norm(dim=-1)
+    return 2 * torch.asin((distance / 8**0.5).clamp(max=1))

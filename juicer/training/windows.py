@@ -1,0 +1,127 @@
+"""Windows: split by episode first, then cut; never across episodes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from juicer.errors import TrainingFailed
+from juicer.policy.config import HorizonConfig
+
+
+@dataclass(frozen=True)
+class TrainingEpisodes:
+    """Episodes of one source, one after another in time-major arrays.
+
+    Attributes:
+        observations: Arrays ``(S, D)`` by name.
+        actions: Absolute actions ``(S, 10)``.
+        episode_ends: ``(N,)`` index one past the last step of each episode.
+        families: ``(N,)`` a label for each episode; those with the same label stay on the same side of the
+            split. A snippet grown from a demonstration belongs to the demonstration's family.
+    """
+
+    observations: Mapping[str, NDArray[np.float32]]
+    actions: NDArray[np.float32]
+    episode_ends: NDArray[np.int64]
+    families: Sequence[str]
+
+    def __post_init__(self) -> None:
+        """Check that the arrays agree in length."""
+        num_steps = int(self.episode_ends[-1]) if len(self.episode_ends) else 0
+        lengths = {name: len(values) for name, values in {**self.observations, "action": self.actions}.items()}
+        if set(lengths.values()) != {num_steps}:
+            raise TrainingFailed(f"episodes end at step {num_steps}, but their arrays have lengths {lengths}")
+        if len(self.families) != len(self.episode_ends):
+            raise TrainingFailed(f"{len(self.episode_ends)} episodes need a family each, got {len(self.families)}")
+
+
+def concatenate(sources: Sequence[TrainingEpisodes]) -> TrainingEpisodes:
+    """All episodes as if they were of one source.
+
+    Raises:
+        TrainingFailed: If there is none.
+    """
+    if not sources or not sum(len(source.episode_ends) for source in sources):
+        raise TrainingFailed("there are no episodes to train on")
+    starts = np.cumsum([0, *(len(source.actions) for source in sources)])
+    return TrainingEpisodes(
+        observations={
+            name: np.concatenate([source.observations[name] for source in sources]) for name in sources[0].observations
+        },
+        actions=np.concatenate([source.actions for source in sources]),
+        episode_ends=np.concatenate(
+            [source.episode_ends + start for source, start in zip(sources, starts, strict=False)]
+        ),
+        families=[family for source in sources for family in source.families],
+    )
+
+
+def split_episodes(
+    families: Sequence[str], validation_fraction: float, rng: np.random.Generator
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Indices of the episodes to train on and of those held out, whole families together.
+
+    Neighbouring windows share nearly all their steps, so a split by windows would validate on training data.
+
+    Raises:
+        TrainingFailed: If a validation set is wanted but there is only one family.
+    """
+    names = sorted(set(families))
+    held_out = math.ceil(validation_fraction * len(names))
+    if held_out >= len(names):
+        raise TrainingFailed(
+            f"{len(names)} independent episode(s) cannot be split into training and validation; "
+            "add demonstrations or set validation_fraction to 0"
+        )
+    chosen = {names[index] for index in rng.permutation(len(names))[:held_out]}
+    is_held_out = np.array([family in chosen for family in families])
+    return np.flatnonzero(~is_held_out), np.flatnonzero(is_held_out)
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Windows as indices into time-major arrays.
+
+    Attributes:
+        obs_steps: ``(W, T_o)`` observed steps, the last of which is the current one.
+        action_steps: ``(W, T_p)`` steps whose actions are predicted, from the first observed step on.
+        is_recorded: ``(W, T_p)`` False where the first or last action is repeated beyond its episode.
+    """
+
+    obs_steps: NDArray[np.int64]
+    action_steps: NDArray[np.int64]
+    is_recorded: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        """Number of windows."""
+        return len(self.obs_steps)
+
+
+def cut_windows(
+    episode_ends: NDArray[np.int64], episodes: NDArray[np.int64], horizons: HorizonConfig, back_padding: int
+) -> Windows:
+    """Windows of the chosen episodes.
+
+    In front of an episode its first step is repeated ``T_o - 1`` times, so that every step can be the current
+    one; behind it its last step is repeated ``back_padding`` times. An episode of length L gives
+    ``max(0, L + T_o - 1 + back_padding - T_p + 1)`` windows, and never more than L.
+    """
+    front_padding = horizons.obs - 1
+    episode_starts = np.concatenate([[0], episode_ends[:-1]])
+    firsts, lows, highs = [], [], []
+    for low, end in zip(episode_starts[episodes], episode_ends[episodes], strict=True):
+        # The current step, front_padding after the first of its window, must lie within the episode.
+        last = min(end + back_padding - horizons.pred, end - 1 - front_padding)
+        first = np.arange(low - front_padding, last + 1)
+        firsts.append(first)
+        lows.append(np.full(len(first), low))
+        highs.append(np.full(len(first), end - 1))
+    first_step, low_step, high_step = (np.concatenate([[], *parts]).astype(np.int64) for parts in (firsts, lows, highs))
+    steps = first_step[:, None] + np.arange(horizons.pred)
+    inside = np.clip(steps, low_step[:, None], high_step[:, None])
+    return Windows(obs_steps=inside[:, : horizons.obs], action_steps=inside, is_recorded=steps == inside)

@@ -1,0 +1,112 @@
+import numpy as np
+import pytest
+import torch
+from pydantic import ValidationError
+
+from juicer.geometry import (
+    matrix_to_quat,
+    matrix_to_rot6d,
+    quat_multiply,
+    quat_to_matrix,
+    relative_pose,
+    rotvec_to_matrix,
+)
+from juicer.policy.features import FeatureSpec, PairSpec, StateObservationConfig, state_features
+
+CONFIG = StateObservationConfig()
+
+
+def features_of(observations, spec, config=CONFIG):
+    tensors = {name: torch.from_numpy(values) for name, values in observations.items()}
+    return state_features(tensors, spec, config).numpy()
+
+
+def moved(observations, position, quat_wxyz):
+    """The same scene, seen from a robot base that stands elsewhere."""
+    matrix = quat_to_matrix(np.array(quat_wxyz))
+
+    def pose(values):
+        return np.concatenate(
+            [values[:, :3] @ matrix.T + position, quat_multiply(np.array(quat_wxyz), values[:, 3:])], 1
+        )
+
+    proprioception = observations["proprioception"].astype(np.float64)
+    rotation = np.stack([proprioception[:, 3:6], proprioception[:, 6:9]], axis=1)
+    rotation = np.concatenate([rotation, np.cross(rotation[:, 0], rotation[:, 1])[:, None]], axis=1)
+    proprioception[:, :3] = proprioception[:, :3] @ matrix.T + position
+    proprioception[:, 3:9] = matrix_to_rot6d(matrix @ rotation)
+    parts = observations["part_poses"].astype(np.float64)
+    parts = np.concatenate([pose(parts[:, :7]), pose(parts[:, 7:])], axis=1)
+    return {"proprioception": proprioception.astype(np.float32), "part_poses": parts.astype(np.float32)}
+
+
+def test_the_first_features_are_the_proprioception(spec, observe):
+    observations = observe(5)
+    np.testing.assert_array_equal(features_of(observations, spec)[:, :16], observations["proprioception"])
+
+
+def test_relative_poses_agree_with_the_geometry_module(spec, observe):
+    observations = observe(20)
+    first, second = observations["part_poses"][:, :7], observations["part_poses"][:, 7:]
+    target = np.array(spec.pairs[0].target)
+    in_first = relative_pose(first.astype(np.float64), second.astype(np.float64))
+    in_target = relative_pose(target, in_first)
+    features = features_of(observations, spec)
+    np.testing.assert_allclose(features[:, 16 + 36 : 16 + 39], in_target[:, :3], atol=1e-5)
+    expected = matrix_to_rot6d(quat_to_matrix(in_target[:, 3:]))
+    np.testing.assert_allclose(features[:, 16 + 39 : 16 + 45], expected, atol=1e-5)
+
+
+def test_relative_features_do_not_depend_on_where_the_robot_base_stands(spec, observe):
+    observations = observe(20)
+    shifted = moved(observations, np.array([0.1, -0.2, 0.05]), [np.cos(0.4), 0.0, 0.0, np.sin(0.4)])
+    relative = slice(16 + 18, None)
+    np.testing.assert_allclose(
+        features_of(observations, spec)[:, relative], features_of(shifted, spec)[:, relative], atol=2e-3
+    )
+
+
+def test_a_millimetre_at_the_target_is_visible(spec):
+    part_poses = np.zeros((2, 14), dtype=np.float32)
+    part_poses[:, [3, 10]] = 1
+    part_poses[:, 7:10] = spec.pairs[0].target[:3]
+    part_poses[1, 7] += 0.001
+    proprioception = np.zeros((2, 16), dtype=np.float32)
+    proprioception[:, [3, 7]] = 1
+    at_target, beside = features_of({"proprioception": proprioception, "part_poses": part_poses}, spec)
+    assert np.abs(at_target - beside).max() == pytest.approx(np.tanh(1 / 3), abs=1e-4)
+
+
+def test_twist_follows_a_turning_screw_through_full_circles(spec):
+    angles = np.linspace(-7, 7, 50)
+    quats = np.stack([np.cos(angles / 2), 0 * angles, np.sin(angles / 2), 0 * angles], axis=1)
+    part_poses = np.zeros((50, 14), dtype=np.float32)
+    part_poses[:, 3] = 1
+    part_poses[:, 10:] = quats
+    proprioception = np.zeros((50, 16), dtype=np.float32)
+    proprioception[:, [3, 7]] = 1
+    twist = features_of({"proprioception": proprioception, "part_poses": part_poses}, spec)[:, -2:]
+    np.testing.assert_allclose(twist, np.stack([np.sin(angles), np.cos(angles)], axis=1), atol=1e-5)
+
+
+def test_tilt_does_not_disturb_the_twist(spec):
+    tilted = rotvec_to_matrix(np.array([0.3, 0, 0])) @ rotvec_to_matrix(np.array([0, 1.0, 0]))
+    twist = features_of(
+        {
+            "proprioception": np.eye(1, 16, 3, dtype=np.float32) + np.eye(1, 16, 7, dtype=np.float32),
+            "part_poses": _pose_row(np.eye(3), tilted),
+        },
+        spec,
+    )[0, -2:]
+    np.testing.assert_allclose(twist, [np.sin(1.0), np.cos(1.0)], atol=1e-5)
+
+
+def test_a_pair_must_name_existing_parts():
+    target = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    with pytest.raises(ValidationError, match="beyond num_parts=2"):
+        FeatureSpec(num_parts=2, pairs=(PairSpec(first=0, second=2, target=target),))
+
+
+def _pose_row(first, second):
+    row = np.concatenate([np.zeros(3), matrix_to_quat(first), np.zeros(3), matrix_to_quat(second)])
+    return row[None].astype(np.float32)
