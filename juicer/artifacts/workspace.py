@@ -44,18 +44,17 @@ class Workspace:
             yield
 
     def sweep(self, finished: Collection[str]) -> None:
-        """Delete what dead processes left: drafts, and scratch of ids that were finished after all."""
-        for path in _children(self.root / "drafts"):
-            self._delete_unless_locked(path)
-        for path in _children(self.root / "scratch"):
-            if path.name in finished:
-                self._delete_unless_locked(path)
-
-    def _delete_unless_locked(self, path: Path) -> None:
-        lock = self._lock(path.name)
-        if _acquire_at_once(lock):
-            with _releasing(lock):
-                discard_tree(path)
+        """Delete what dead processes left: drafts, locks, and scratch of ids that were finished after all."""
+        drafts = {path.name for path in _children(self.root / "drafts")}
+        scratch = {path.name for path in _children(self.root / "scratch")}
+        locks = {path.stem for path in _children(self.root / "locks")}
+        for identity in sorted(drafts | scratch.intersection(finished) | locks):
+            lock = self._lock(identity)
+            if _acquire_at_once(lock):
+                with _releasing(lock):
+                    discard_tree(self.draft(identity))
+                    if identity in finished:
+                        discard_tree(self.scratch(identity))
 
     def _lock(self, identity: str) -> BaseFileLock:
         path = self.root / "locks" / f"{identity}.lock"

@@ -1,0 +1,86 @@
+"""Small recipes, and a store to keep their artifacts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+
+Make = Callable[..., ArtifactRef]
+Fail = Callable[[ArtifactStore, Recipe, BaseException], None]
+Litter = Callable[[ArtifactStore], list[str]]
+
+PAYLOAD = {"a.bin": b"0123456789", "deep/er/b.bin": bytes(range(256)), "empty": b""}
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> ArtifactStore:
+    return ArtifactStore(tmp_path / "store")
+
+
+@pytest.fixture
+def recipe() -> Recipe:
+    return Recipe(
+        stage="ingest",
+        kind="episodes",
+        config={"seed": 3, "limits": {"low": 0.5}},
+        code="c0de",
+        files={"log": "ab" * 32},
+        libraries={"numpy": "2.4.6"},
+    )
+
+
+@pytest.fixture
+def payload() -> dict[str, bytes]:
+    """Files of the artifacts that ``make`` makes."""
+    return dict(PAYLOAD)
+
+
+@pytest.fixture
+def make() -> Make:
+    """Commits an artifact: ``make(store, recipe)``, ``make(store, recipe, {"a.bin": b"..."})``."""
+
+    def commit(
+        store: ArtifactStore, recipe: Recipe, payload: Mapping[str, bytes] = PAYLOAD, **summary: Any
+    ) -> ArtifactRef:
+        with store.create(recipe) as draft:
+            assert not draft.adopted
+            draft.summary.update(summary)
+            for name, content in payload.items():
+                path = draft.path / name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(content)
+        return draft.ref
+
+    return commit
+
+
+@pytest.fixture
+def fail() -> Fail:
+    """Begins an artifact, leaves something in its scratch, and raises: ``fail(store, recipe, ZeroDivisionError())``."""
+
+    def begin(store: ArtifactStore, recipe: Recipe, error: BaseException) -> None:
+        with store.create(recipe) as draft:
+            (draft.path / "half").write_bytes(b"1")
+            (draft.scratch / "step-100").write_bytes(b"resume from here")
+            raise error
+
+    return begin
+
+
+@pytest.fixture
+def litter() -> Litter:
+    """Everything in the hidden work folder of a store but its fixed folders."""
+
+    def find(store: ArtifactStore) -> list[str]:
+        work = store.cache / ".work"
+        paths = [path.relative_to(work).as_posix() for path in work.rglob("*")]
+        return sorted(path for path in paths if "/" in path)
+
+    return find

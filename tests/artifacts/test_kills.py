@@ -1,0 +1,140 @@
+"""SIGKILL at any moment: the artifact is absent or whole, scratch survives, and a restart leaves no litter."""
+
+from __future__ import annotations
+
+import json
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+
+Make = Callable[..., ArtifactRef]
+Litter = Callable[[ArtifactStore], list[str]]
+
+CHILD = """
+import json, os, signal, sys, time
+from pathlib import Path
+from juicer.artifacts import local, store as store_module, workspace
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.store import ArtifactStore
+
+url, content, moment = sys.argv[1], json.loads(sys.argv[2]), sys.argv[3]
+
+def die(*arguments, **options):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+def after(module, name):
+    original = getattr(module, name)
+    def call(*arguments, **options):
+        original(*arguments, **options)
+        die()
+    setattr(module, name, call)
+
+if moment == "hashing":
+    store_module.describe_files = die
+if moment == "syncing":
+    local.sync_tree = die
+if moment == "manifest":
+    after(local, "sync_tree")
+if moment == "renamed":
+    local.sync = die
+if moment == "committed":
+    store_module.discard_tree = die
+
+with ArtifactStore(url).create(Recipe.from_json(content)) as draft:
+    (draft.scratch / "step-100").write_bytes(b"resume from here")
+    (draft.path / "a.bin").write_bytes(b"0123456789")
+    if moment == "half":
+        with (draft.path / "b.bin").open("wb") as file:
+            file.write(bytes(5000))
+            die()
+    for number in range(200):
+        (draft.path / f"{number}.bin").write_bytes(bytes(1000))
+        if moment == "slowly":
+            print(number, flush=True)
+            time.sleep(0.002)
+    if moment == "full":
+        die()
+"""
+
+
+def start(store: ArtifactStore, recipe: Recipe, moment: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-c", CHILD, store.url, json.dumps(recipe.to_json()), moment]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+
+@pytest.mark.parametrize("moment", ["half", "full", "hashing", "syncing", "manifest"])
+def test_killed_before_the_rename_there_is_no_artifact(
+    store: ArtifactStore, recipe: Recipe, make: Make, litter: Litter, moment: str
+) -> None:
+    with start(store, recipe, moment) as child:
+        assert child.wait() == -signal.SIGKILL
+    assert store.find(recipe) is None
+    assert store.refs() == []
+    with store.create(recipe) as draft:
+        assert not draft.adopted
+        assert list(draft.path.iterdir()) == []
+        assert (draft.scratch / "step-100").read_bytes() == b"resume from here"
+        (draft.path / "a.bin").write_bytes(b"0123456789")
+    assert store.verify(recipe.ref) == []
+    assert litter(store) == []
+
+
+@pytest.mark.parametrize("moment", ["renamed", "committed"])
+def test_killed_after_the_rename_the_artifact_is_whole(
+    store: ArtifactStore, recipe: Recipe, make: Make, litter: Litter, moment: str
+) -> None:
+    with start(store, recipe, moment) as child:
+        assert child.wait() == -signal.SIGKILL
+    assert store.find(recipe) == recipe.ref
+    assert store.verify(recipe.ref) == []
+    make(store, replace(recipe, code="next"))
+    assert litter(store) == []
+
+
+def test_killed_at_any_moment_the_artifact_is_absent_or_whole(
+    store: ArtifactStore, recipe: Recipe, litter: Litter
+) -> None:
+    chance = random.Random(0)
+    for attempt in range(6):
+        tried = replace(recipe, config={"attempt": attempt})
+        with start(store, tried, "slowly") as child:
+            assert child.stdout is not None
+            child.stdout.readline()
+            time.sleep(chance.uniform(0, 0.6))
+            child.kill()
+        if store.find(tried):
+            assert store.verify(tried.ref) == []
+    with start(store, recipe, "") as child:
+        assert child.wait() == 0
+    assert [path for path in litter(store) if path.startswith("drafts")] == []
+
+
+def test_the_draft_of_a_dead_process_is_cleaned_up_by_work_on_another_id(
+    store: ArtifactStore, recipe: Recipe, make: Make, litter: Litter
+) -> None:
+    with start(store, recipe, "full") as child:
+        child.wait()
+    assert f"drafts/{recipe.id}/a.bin" in litter(store)
+    make(store, replace(recipe, code="other"))
+    # Its scratch is the next attempt's.
+    assert litter(store) == [f"scratch/{recipe.id}", f"scratch/{recipe.id}/step-100"]
+
+
+def test_the_draft_of_a_living_process_is_left_alone(store: ArtifactStore, recipe: Recipe, make: Make) -> None:
+    with start(store, recipe, "slowly") as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        make(store, replace(recipe, code="other"))
+        assert (store.cache / ".work" / "drafts" / recipe.id / "a.bin").exists()
+        child.communicate()
+    assert store.verify(recipe.ref) == []
