@@ -19,8 +19,9 @@ from juicer.sim.scene import build_arm
 MAX_LEAD_M = 0.02
 """The paper's teleoperation clips a step at 2.5 cm; 20 degrees is its bound on rotation."""
 MAX_LEAD_RAD = np.deg2rad(20.0)
-MAX_ACTION = 2.0
-"""Largest entry of an action that can be meant: metres, cosines, gripper."""
+MAX_ACTION = 1.0
+"""Largest entry of an action: metres, cosines, gripper."""
+_ROUNDING = 1e-3
 GRIPPER_DEAD_ZONE = 0.02
 NUM_ARM_JOINTS = 7
 
@@ -42,7 +43,7 @@ def validate_action(action: Array) -> Array:
         raise InvalidAction(f"an action must have shape ({ACTION_SIZE},), got {values.shape}")
     if not np.isfinite(values).all():
         raise InvalidAction(f"an action must be finite, got {values.tolist()}")
-    if np.abs(values).max() > MAX_ACTION:
+    if np.abs(values).max() > MAX_ACTION + _ROUNDING:
         raise InvalidAction(f"the entries of an action must lie within +-{MAX_ACTION}, got {values.tolist()}")
     return values.astype(np.float64)
 

@@ -133,7 +133,9 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         data.ctrl[NUM_ARM_JOINTS] = grip_command(values, float(data.ctrl[NUM_ARM_JOINTS]))
         for update in range(1, TARGET_UPDATES + 1):
             data.ctrl[:NUM_ARM_JOINTS] = start + (goal - start) * (update / TARGET_UPDATES)
-            mujoco.mj_step(self.model, data, SUBSTEPS_PER_UPDATE)
+            self._advance()
+            if self._has_diverged():
+                break
         self._progress[0] += 1
         reward = 0.0 if self._has_diverged() else self._measure()
         info = self._info()
@@ -213,6 +215,13 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             if reached and first_steps[index] < 0:
                 first_steps[index] = self._progress[0]
         return reward
+
+    def _advance(self) -> None:
+        try:
+            mujoco.mj_step(self.model, self.data, SUBSTEPS_PER_UPDATE)
+        except mujoco.FatalError:
+            # An explosion makes more contacts than fit into MuJoCo's memory; the state may still look finite.
+            self.data.qvel[:] = np.nan
 
     def _has_diverged(self) -> bool:
         return not bool(np.abs(self.data.qvel).max() < _DIVERGED_SPEED)  # NaN compares false
