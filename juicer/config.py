@@ -28,6 +28,15 @@ def load_config(path: Path, model: type[ConfigT], overrides: Sequence[str] = ())
     Raises:
         ConfigError: If the file is missing or no YAML mapping, or a key or value is not valid.
     """
+    return parse_config(override(read_mapping(path), overrides), model, origin=str(path))
+
+
+def read_mapping(path: Path) -> dict[str, Any]:
+    """Content of a YAML file that holds a mapping; an empty file holds an empty one.
+
+    Raises:
+        ConfigError: If the file is missing, cannot be read, or holds something else.
+    """
     try:
         content = yaml.safe_load(path.read_text()) or {}
     except FileNotFoundError:
@@ -36,7 +45,7 @@ def load_config(path: Path, model: type[ConfigT], overrides: Sequence[str] = ())
         raise ConfigError(f"config file '{path}' cannot be read: {' '.join(str(error).split())}") from None
     if not isinstance(content, dict):
         raise ConfigError(f"config file '{path}' must hold a mapping of keys to values")
-    return parse_config(override(content, overrides), model, origin=str(path))
+    return content
 
 
 def parse_config(content: Mapping[str, Any], model: type[ConfigT], origin: str) -> ConfigT:

@@ -1,0 +1,1 @@
+"""Flows: when each stage runs, and the command line."""

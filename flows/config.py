@@ -1,0 +1,185 @@
+"""Configuration of the flows: one file is one run, and holds only what differs from the defaults."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from flows.conditions import METHODS, Condition
+from juicer.annotation import AnnotationConfig
+from juicer.config import StrictConfig, override, parse_config, read_mapping
+from juicer.errors import ConfigError, did_you_mean
+from juicer.ingestion import IngestionConfig
+from juicer.tasks.specification import Randomness
+from juicer.training.state_noise import OriginalStateNoise, PhysicalStateNoise
+from stages.augment import AugmentConfig
+from stages.collect import CollectConfig
+from stages.evaluate import EvaluateConfig
+from stages.record import RecordConfig
+from stages.select import SelectConfig
+from stages.train import TrainConfig
+
+BASE_KEY = "base"
+_SCENE = {
+    "task": ("record", "ingest", "collect", "evaluate", "train.diffusion", "train.mlp_chunked", "train.mlp_unchunked"),
+    "randomness": ("record", "collect", "evaluate"),
+}
+"""Sections that take over a value of the top level unless they set their own."""
+
+
+class PoliciesConfig(StrictConfig):
+    """The three policies of the paper's comparison, and how each is trained."""
+
+    diffusion: TrainConfig = TrainConfig()
+    mlp_chunked: TrainConfig = TrainConfig()
+    mlp_unchunked: TrainConfig = TrainConfig()
+
+
+class LoopConfig(StrictConfig):
+    """The whole loop, from demonstrations to an evaluated policy.
+
+    Attributes:
+        name: Name of the experiment.
+        task: Assembly task; sections may set their own.
+        randomness: Level of the initial states; sections may set their own.
+        logs: Folder with operator logs of a human; if empty, the scripted operator records them.
+        labels: File with critical states labelled by a human.
+        record: What the scripted operator records.
+        ingest: Which logs become demonstrations.
+        annotate: How critical states are proposed.
+        augment: Corrective episodes of the first training.
+        augment_retraining: The same for retraining, if it differs (the paper's one_leg: 50, and then 150).
+        train: The policies.
+        state_noise: What the condition of that name adds to observed states.
+        rounds: Turns of collect, select, train in the conditions that collect.
+        collect: Rollouts of a turn.
+        select: Which of them are kept.
+        evaluate: The final measurement.
+    """
+
+    name: str = Field(default="juicer", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
+    task: str = "one_leg"
+    randomness: Randomness = Randomness.LOW
+    logs: Path | None = None
+    labels: Path | None = None
+    record: RecordConfig = RecordConfig()
+    ingest: IngestionConfig = IngestionConfig()
+    annotate: AnnotationConfig = AnnotationConfig()
+    augment: AugmentConfig = AugmentConfig()
+    augment_retraining: AugmentConfig | None = None
+    train: PoliciesConfig = PoliciesConfig()
+    state_noise: Annotated[PhysicalStateNoise | OriginalStateNoise, Field(discriminator="kind")] = PhysicalStateNoise()
+    rounds: int = Field(default=1, gt=0, le=100)
+    collect: CollectConfig = CollectConfig()
+    select: SelectConfig = SelectConfig()
+    evaluate: EvaluateConfig = EvaluateConfig()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _share_scene(cls, content: Any) -> Any:
+        if not isinstance(content, dict):
+            return content
+        shared = dict(content)
+        for key, sections in _SCENE.items():
+            if isinstance(value := content.get(key), str):
+                for section in sections:
+                    _set_default(shared, [*section.split("."), key], value)
+        return shared
+
+    def training(self, condition: Condition, seed: int) -> TrainConfig:
+        """How a condition trains the model of a seed."""
+        method = METHODS[condition]
+        config: TrainConfig = getattr(self.train, method.policy)
+        training = config.training
+        if method.adds_noise:
+            training = training.model_copy(update={"state_noise": self.state_noise})
+        return config.model_copy(update={"training": training, "seed": config.seed + seed})
+
+    def collection(self, seed: int, round_index: int) -> CollectConfig:
+        """Rollouts of a turn; every model and turn starts from initial states of its own."""
+        turn = seed * 100 + round_index - 1
+        return self.collect.model_copy(update={"first": self.collect.first + turn * self.collect.max_episodes})
+
+
+class CollectInferConfig(LoopConfig):
+    """One model of one condition."""
+
+    flow: Literal["collect_infer"] = "collect_infer"
+    condition: Condition = Condition.TA_CI
+    seed: int = Field(default=0, ge=0)
+
+    @property
+    def conditions(self) -> tuple[Condition, ...]:
+        """The only condition."""
+        return (self.condition,)
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """The only seed."""
+        return (self.seed,)
+
+
+class StudyConfig(LoopConfig):
+    """Conditions times seeds, compared."""
+
+    flow: Literal["study"] = "study"
+    conditions: tuple[Condition, ...] = Field(default=tuple(Condition), min_length=1)
+    seeds: tuple[Annotated[int, Field(ge=0)], ...] = Field(default=(0, 1, 2, 3, 4), min_length=1)
+
+    @field_validator("conditions", "seeds")
+    @classmethod
+    def _are_distinct(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
+        if len(set(values)) < len(values):
+            raise ValueError("each may be named only once")
+        return values
+
+
+RunConfig = CollectInferConfig | StudyConfig
+_FLOWS: Mapping[str, type[CollectInferConfig] | type[StudyConfig]] = {
+    "collect_infer": CollectInferConfig,
+    "study": StudyConfig,
+}
+
+
+def load_run(path: Path, overrides: Sequence[str] = ()) -> RunConfig:
+    """Read the configuration of a run.
+
+    A file may name another as its ``base``, by a path relative to its own; what it says itself goes first.
+
+    Raises:
+        ConfigError: If a file is missing, or a key or value is not valid.
+    """
+    content = read_mapping(path)
+    if (base := content.pop(BASE_KEY, None)) is not None:
+        below = read_mapping(path.parent / str(base))
+        if BASE_KEY in below:
+            raise ConfigError(f"config file '{path.parent / str(base)}' is a base itself and must not have one")
+        content = _merge(below, content)
+    content = override(content, overrides)
+    flow = content.get("flow", "collect_infer")
+    if flow not in _FLOWS:
+        raise ConfigError(f"{path}: unknown flow '{flow}'{did_you_mean(str(flow), _FLOWS)}")
+    return parse_config(content, _FLOWS[flow], origin=str(path))
+
+
+def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(below)
+    for key, value in above.items():
+        nested = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
+        merged[key] = _merge(merged[key], value) if nested else value
+    return merged
+
+
+def _set_default(content: dict[str, Any], path: Sequence[str], value: str) -> None:
+    """Set a nested value unless it is there; sections on the way are copied, not changed."""
+    head, *rest = path
+    if not rest:
+        content.setdefault(head, value)
+        return
+    section = content.get(head, {})
+    if isinstance(section, dict):
+        content[head] = dict(section)
+        _set_default(content[head], rest, value)

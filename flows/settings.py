@@ -1,0 +1,74 @@
+"""Facts about this machine, read from the environment once, at the edge.
+
+Nothing here shapes a result; what does belongs into a configuration file.
+"""
+
+from __future__ import annotations
+
+import os
+from functools import cached_property
+from pathlib import Path
+
+from pydantic import Field, ValidationError
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from juicer.errors import ConfigError, did_you_mean
+
+PREFIX = "JUICER_"
+
+
+class Settings(BaseSettings):
+    """Where things lie and how much of the machine may be used; each field is ``JUICER_<FIELD>``.
+
+    Attributes:
+        data: Local folder for the databases, the services' addresses and undelivered tracking records.
+        store: Artifact store, a folder or an fsspec URL such as ``s3://bucket/juicer``; ``data`` if empty.
+        tracking_uri: MLflow tracking address; a SQLite file in ``data`` if empty, ``none`` to track nothing.
+        workers: Stages that run at the same time.
+        num_envs: Simulated environments that a rollout steps side by side.
+        device: Torch device that policies are trained on, e.g. ``cuda``.
+        startup_seconds: How long a Prefect or MLflow server may take to answer after its start.
+    """
+
+    model_config = SettingsConfigDict(env_prefix=PREFIX, frozen=True, extra="forbid", env_ignore_empty=True)
+
+    data: Path = Path("data")
+    store: str = ""
+    tracking_uri: str = ""
+    workers: int = Field(default=2, ge=1)
+    num_envs: int = Field(default=16, ge=1)
+    device: str = "cpu"
+    startup_seconds: int = Field(default=120, ge=1)
+
+    @cached_property
+    def folder(self) -> Path:
+        """The data folder as an absolute path."""
+        return self.data.expanduser().absolute()
+
+    @property
+    def store_url(self) -> str:
+        """Address of the artifact store."""
+        return self.store or str(self.folder)
+
+    @property
+    def tracks(self) -> bool:
+        """Whether anything is recorded in MLflow."""
+        return self.tracking_uri.lower() != "none"
+
+
+def read_settings() -> Settings:
+    """Settings of this process.
+
+    Raises:
+        ConfigError: If a variable with the prefix is unknown or its value is not valid.
+    """
+    known = {PREFIX + name.upper() for name in Settings.model_fields}
+    for name in os.environ:
+        if name.startswith(PREFIX) and name not in known:
+            raise ConfigError(f"environment variable {name} is not known{did_you_mean(name, known)}")
+    try:
+        return Settings()
+    except ValidationError as error:
+        problem = error.errors(include_url=False, include_context=False)[0]
+        name = PREFIX + ".".join(map(str, problem["loc"])).upper()
+        raise ConfigError(f"environment variable {name}: {problem['msg']}, got {problem['input']!r}") from None

@@ -1,0 +1,41 @@
+"""Corrective episodes around critical states."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from juicer.artifacts.ref import ArtifactRef
+from juicer.augmentation.augment import augment as augment_demonstrations
+from juicer.augmentation.config import AugmentationConfig
+from juicer.augmentation.summary import AugmentationSummary
+from juicer.storage.episodes import EpisodeReader, write_episodes
+from juicer.storage.tables import read_annotations
+from stages.stage import StageContext, stage
+
+
+class AugmentConfig(AugmentationConfig):
+    """What to synthesise, and from which root of randomness."""
+
+    seed: int = Field(default=0, ge=0, description="root of the random draws")
+
+
+@stage(
+    kind="episodes",
+    inputs={"episodes": "episodes", "annotations": "annotations"},
+    libraries=("mujoco", "numpy", "zarr"),
+)
+def augment(context: StageContext, *, episodes: ArtifactRef, annotations: ArtifactRef, config: AugmentConfig) -> None:
+    """Grow demonstrations around their critical states."""
+    attempts = augment_demonstrations(
+        EpisodeReader(context.store.open(episodes, "episodes")),
+        read_annotations(context.store.open(annotations, "annotations")),
+        AugmentationConfig(**{name: getattr(config, name) for name in AugmentationConfig.model_fields}),
+        artifact=episodes.id,
+        seed=config.seed,
+        num_workers=context.workers,
+        progress=context.progress,
+    )
+    summary = AugmentationSummary()
+    write_episodes(context.draft.path, summary.keep(attempts), {"source": "augmentation"})
+    facts = summary.as_json()
+    context.draft.summary |= {"episodes": facts["snippets"], **facts}

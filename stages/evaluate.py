@@ -1,0 +1,96 @@
+"""Success rate of a policy on initial states that nothing else has seen."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+
+from pydantic import Field
+
+from juicer.artifacts.ref import ArtifactRef
+from juicer.config import StrictConfig
+from juicer.episode import Episode, Outcome
+from juicer.evaluation import Purpose, claim, milestone_counts, wilson_interval
+from juicer.policy.checkpoint import load_policy
+from juicer.rollout import rollout
+from juicer.storage.episodes import write_episodes
+from juicer.storage.tables import EvaluationRow, write_evaluation
+from juicer.tasks.registry import get_task
+from juicer.tasks.specification import Randomness
+from stages.stage import StageContext, stage
+
+EXAMPLES = "examples"
+"""Folder of the artifact with a few whole episodes, to be replayed and filmed."""
+EXAMPLES_KEPT = 3
+"""Successes, and as many failures."""
+
+
+class EvaluateConfig(StrictConfig):
+    """How many episodes, and from where they start."""
+
+    task: str = Field(default="one_leg", description="assembly task")
+    randomness: Randomness = Field(default=Randomness.LOW, description="level of the initial states")
+    episodes: int = Field(default=100, gt=0, description="evaluation episodes")
+    first: int = Field(default=0, ge=0, description="position of the first initial state among those for evaluation")
+    max_steps: int | None = Field(default=None, gt=0, description="steps an episode; the task's own limit if empty")
+    seed: int = Field(default=0, ge=0, description="root of the policy's noise")
+
+
+@stage(kind="evaluation", inputs={"checkpoint": "checkpoint"}, libraries=("mujoco", "numpy", "torch"))
+def evaluate(context: StageContext, *, checkpoint: ArtifactRef, config: EvaluateConfig) -> None:
+    """Measure a policy's success rate, with its interval and the milestones of every episode."""
+    episodes = rollout(
+        load_policy(context.store.open(checkpoint, "checkpoint")),
+        config.task,
+        config.randomness,
+        claim(Purpose.EVALUATION, config.first, config.episodes),
+        num_envs=context.num_envs,
+        max_steps=config.max_steps,
+        policy_id=checkpoint.id,
+        root_seed=config.seed,
+        num_workers=context.workers,
+        progress=context.progress,
+    )
+    rows: list[EvaluationRow] = []
+    examples = context.draft.path / EXAMPLES
+    examples.mkdir()
+    write_episodes(examples, _examples(episodes, rows), {"source": "rollout", "policy": checkpoint.id})
+    write_evaluation(context.draft.path, rows)
+    context.draft.summary |= facts(rows, get_task(config.task).milestones)
+
+
+def facts(rows: list[EvaluationRow], milestones: tuple[str, ...]) -> dict[str, object]:
+    """What an evaluation found: the rate with its 95 % Wilson interval, outcomes, and how far the episodes got."""
+    successes = sum(row.outcome is Outcome.SUCCESS for row in rows)
+    low, high = wilson_interval(successes, len(rows))
+    return {
+        "episodes": len(rows),
+        "successes": successes,
+        "success_rate": successes / len(rows),
+        "interval_low": low,
+        "interval_high": high,
+        "mean_length": sum(row.length for row in rows) / len(rows),
+        "outcomes": dict(Counter(row.outcome.value for row in rows)),
+        "milestones": milestone_counts([row.milestones for row in rows], milestones),
+    }
+
+
+def _examples(episodes: Iterable[Episode], rows: list[EvaluationRow]) -> Iterator[Episode]:
+    """Note every episode as a row; yield the first few successes and failures."""
+    shown = Counter[bool]()
+    for index, episode in enumerate(episodes):
+        record = episode.record
+        rows.append(
+            EvaluationRow(
+                episode=index,
+                seed=record.seed,
+                outcome=record.outcome,
+                parts_assembled=record.parts_assembled,
+                length=len(episode),
+                milestones=record.milestones,
+            )
+        )
+        succeeded = record.outcome is Outcome.SUCCESS
+        if shown[succeeded] < EXAMPLES_KEPT:
+            shown[succeeded] += 1
+            yield episode

@@ -1,0 +1,237 @@
+"""The ``@stage`` decorator: a function from artifacts to one artifact becomes a content-addressed Prefect task.
+
+A stage body takes a :class:`StageContext` and keyword arguments, and fills ``context.draft``. It does not look
+things up, cache, retry, name paths or talk to MLflow; that is done here, once for all stages. Its arguments are
+
+* :class:`~juicer.artifacts.ref.ArtifactRef`, or tuples of them: the inputs, by role;
+* one :class:`~juicer.config.StrictConfig` named ``config``;
+* :class:`pathlib.Path`, or tuples of them: files from outside the store, identified by their content.
+
+All of them, the code behind the body and the versions of the libraries it names make the recipe, whose hash is the
+id of the artifact. If the store has that id, the body does not run.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Concatenate, Generic, ParamSpec, get_type_hints
+
+from juicer.artifacts.code_version import code_version, library_versions, module_versions
+from juicer.artifacts.draft import Draft
+from juicer.artifacts.manifest import Manifest
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
+from juicer.config import StrictConfig
+from juicer.errors import ConfigError, WrongArtifactKind
+from stages.isolation import Work, run_isolated
+from stages.session import Session, StageContext, StageInterrupted
+
+__all__ = ["Finished", "Stage", "StageCall", "StageContext", "stage"]
+
+logger = logging.getLogger(__name__)
+
+P = ParamSpec("P")
+CONFIG = "config"
+
+
+@dataclass(frozen=True)
+class Finished:
+    """How a stage call ended."""
+
+    ref: ArtifactRef
+    reused: bool
+
+
+class Stage(Generic[P]):
+    """A stage: call it with a session and its inputs to get the reference of its artifact."""
+
+    def __init__(
+        self,
+        body: Callable[Concatenate[StageContext, P], None],
+        kind: str,
+        inputs: Mapping[str, str],
+        libraries: tuple[str, ...],
+    ) -> None:
+        """Wrap a body; see :func:`stage`."""
+        self.name = body.__name__
+        self.kind = kind
+        self.body = body
+        self.description = (body.__doc__ or "").strip().partition("\n")[0]
+        self._inputs = dict(inputs)
+        self._libraries = libraries
+
+    def __call__(self, session: Session, *args: P.args, **kwargs: P.kwargs) -> ArtifactRef:
+        """Make the artifact, or find it in the store.
+
+        Raises:
+            WrongArtifactKind: If an input is of another kind than the stage reads.
+            ConfigError: If a file from outside the store cannot be read.
+        """
+        return session.perform(self.prepare(*args, **kwargs), session)
+
+    def prepare(self, *args: P.args, **kwargs: P.kwargs) -> StageCall:
+        """Everything about a call except its execution.
+
+        Raises:
+            WrongArtifactKind: If an input is of another kind than the stage reads.
+            ConfigError: If a file from outside the store cannot be read.
+        """
+        if args:
+            raise TypeError(f"stage '{self.name}' takes its inputs by keyword")
+        return StageCall(self, dict(kwargs), self._recipe(kwargs))
+
+    @cached_property
+    def config_model(self) -> type[StrictConfig]:
+        """Class of the body's ``config``."""
+        model: type[StrictConfig] = get_type_hints(self.body)[CONFIG]
+        return model
+
+    def _recipe(self, arguments: Mapping[str, Any]) -> Recipe:
+        inputs: dict[str, tuple[ArtifactRef, ...]] = {}
+        files: dict[str, str] = {}
+        for role, value in arguments.items():
+            items = value if isinstance(value, tuple) else (value,)
+            if role == CONFIG or value is None or not items:
+                continue
+            if all(isinstance(item, ArtifactRef) for item in items):
+                self._check_kinds(role, items)
+                inputs[role] = items
+            elif all(isinstance(item, Path) for item in items):
+                files |= {f"{role}/{path.name}": _digest(path) for path in items}
+                _check_names(role, items)
+            else:
+                raise TypeError(f"stage '{self.name}': '{role}' must be artifacts or paths, got {value!r}")
+        module = self.body.__module__
+        return Recipe(
+            stage=self.name,
+            kind=self.kind,
+            inputs=inputs,
+            config=arguments[CONFIG].model_dump(mode="json"),
+            code=code_version(module),
+            files=files,
+            libraries=library_versions(self._libraries),
+            modules=module_versions(module),
+        )
+
+    def _check_kinds(self, role: str, refs: tuple[ArtifactRef, ...]) -> None:
+        expected = self._inputs[role]
+        for ref in refs:
+            if ref.kind != expected:
+                raise WrongArtifactKind(
+                    f"{ref} is of kind '{ref.kind}' but stage '{self.name}' needs '{expected}' for its {role}; "
+                    f"see `juicer ls {expected}`"
+                )
+
+
+def stage(
+    *, kind: str, inputs: Mapping[str, str] | None = None, libraries: tuple[str, ...] = ()
+) -> Callable[[Callable[Concatenate[StageContext, P], None]], Stage[P]]:
+    """Turn a function from artifacts to one artifact into a stage.
+
+    Args:
+        kind: Kind of the artifact that the body makes.
+        inputs: Kind that each of its inputs must be of, by role.
+        libraries: Distributions whose version shapes the result.
+    """
+
+    def decorate(body: Callable[Concatenate[StageContext, P], None]) -> Stage[P]:
+        return Stage(body, kind, inputs or {}, libraries)
+
+    return decorate
+
+
+class StageCall:
+    """A stage with its arguments and the recipe they make. Not a dataclass, so that Prefect does not search it."""
+
+    def __init__(self, stage: Stage[Any], arguments: Mapping[str, Any], recipe: Recipe) -> None:
+        """Bring the three together; use :meth:`Stage.prepare`."""
+        self.stage = stage
+        self.arguments = arguments
+        self.recipe = recipe
+
+    def execute(self, session: Session) -> Finished:
+        """Make the artifact now, in this thread, unless it is in the store."""
+        stage, label = self.stage.name, session.label
+        found = session.store.find(self.recipe)
+        if found is not None and stage in session.forced and found.id not in session.fresh:
+            session.store.discard(found)
+            found = None
+        if found is not None:
+            return self._finish(session, Finished(found, reused=True))
+        try:
+            with session.store.create(self.recipe) as draft:
+                if not draft.adopted:
+                    self._fill(session, draft)
+        except BaseException:
+            session.display.finished(stage, label, "failed", {})
+            raise
+        return self._finish(session, Finished(draft.ref, reused=draft.adopted))
+
+    def _fill(self, session: Session, draft: Draft) -> None:
+        listener = session.display.started(self.stage.name, session.label)
+
+        def progress(done: int, total: int, **facts: float | str) -> None:
+            if session.stop.is_set():
+                raise StageInterrupted
+            listener(done, total, **facts)
+
+        metrics = session.record.metrics(self.stage.name)
+        logger.info("%s%s: making %s", self.stage.name, f" ({session.label})" if session.label else "", draft.ref)
+        if not session.isolate:
+            context = StageContext(
+                session.store, draft, progress, metrics, session.workers, session.num_envs, session.device
+            )
+            self.stage.body(context, **self.arguments)
+            return
+        work = Work(
+            module=self.stage.body.__module__,
+            name=self.stage.name,
+            arguments=self.arguments,
+            store=session.store,
+            ref=draft.ref,
+            path=draft.path,
+            scratch=draft.scratch,
+            workers=session.workers,
+            num_envs=session.num_envs,
+            device=session.device,
+        )
+        draft.summary.update(run_isolated(work, progress, metrics, session.stop))
+
+    def _finish(self, session: Session, finished: Finished) -> Finished:
+        session.fresh.add(finished.ref.id)
+        manifest = session.store.manifest(finished.ref)
+        state = "reused" if finished.reused else "done"
+        session.display.finished(self.stage.name, session.label, state, manifest.summary)
+        session.record.made(finished.ref, self.stage.name)
+        logger.info("%s: %s %s %s", self.stage.name, state, finished.ref, brief(manifest))
+        return finished
+
+
+def brief(manifest: Manifest) -> str:
+    """The plain facts of a summary on one line."""
+    facts = {key: value for key, value in manifest.summary.items() if isinstance(value, int | float | str)}
+    return ", ".join(
+        f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}" for key, value in facts.items()
+    )
+
+
+def _digest(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except FileNotFoundError:
+        raise ConfigError(f"file '{path}' does not exist") from None
+    except OSError as error:
+        raise ConfigError(f"file '{path}' cannot be read: {error.strerror}") from None
+
+
+def _check_names(role: str, paths: tuple[Path, ...]) -> None:
+    names = [path.name for path in paths]
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigError(f"two of the {role} are named '{name}'; give each its own name")

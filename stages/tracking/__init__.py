@@ -1,0 +1,1 @@
+"""What an experiment consisted of, told to MLflow: written to local journals first, delivered from there."""

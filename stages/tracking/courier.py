@@ -1,0 +1,146 @@
+"""Delivers journals in the background, for as long as it takes."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from filelock import FileLock, Timeout
+
+from juicer.artifacts.store import ArtifactStore
+from stages.tracking.journal import END, RUN, DeliveryState, Entry, Journal, journals
+from stages.tracking.record import KILLED
+
+if TYPE_CHECKING:
+    from stages.tracking.delivery import Delivery
+
+logger = logging.getLogger(__name__)
+
+ROUND_SECONDS = 5.0
+RETRY_SECONDS = 30.0
+
+
+@dataclass(frozen=True)
+class Destination:
+    """Where journals are delivered to.
+
+    Attributes:
+        uri: MLflow tracking address.
+        artifact_root: Where the files of new experiments go; the server decides if None.
+    """
+
+    uri: str
+    artifact_root: Path | None = None
+
+
+class Courier:
+    """A thread that delivers whatever the journals of a folder hold that was not delivered before."""
+
+    def __init__(
+        self, folder: Path, destination: Destination, store: ArtifactStore, warn: Callable[[str], None]
+    ) -> None:
+        """Prepare; nothing is touched before :meth:`start`.
+
+        Args:
+            folder: Where the journals are.
+            destination: Where they are delivered to.
+            store: Where the artifacts are that they name.
+            warn: Told, once, if MLflow cannot be used.
+        """
+        self._folder = folder
+        self._destination = destination
+        self._store = store
+        self._warn = warn
+        self._warned = False
+        self._delivery: Delivery | None = None
+        self._finish = threading.Event()
+        self._thread = threading.Thread(target=self._work, name="tracking courier", daemon=True)
+
+    def start(self) -> None:
+        """Begin to deliver."""
+        self._thread.start()
+
+    def finish(self, patience_s: float) -> bool:
+        """Deliver what is left, for at most so long; returns whether all was delivered."""
+        self._finish.set()
+        self._thread.join(patience_s)
+        return not self._thread.is_alive() and not self.pending()
+
+    def pending(self) -> bool:
+        """Whether a journal holds events that were not delivered."""
+        return any(
+            journal.path.stat().st_size > DeliveryState.load(journal, self._destination.uri).offset
+            for journal in journals(self._folder)
+        )
+
+    def _work(self) -> None:
+        while True:
+            last = self._finish.is_set()
+            delivered = self._round()
+            if last:
+                return
+            self._finish.wait(ROUND_SECONDS if delivered else RETRY_SECONDS)
+
+    def _round(self) -> bool:
+        """Deliver once around; returns whether MLflow could be used."""
+        if not self.pending():
+            return True
+        try:
+            # One courier at a time, which also keeps a new database from being initialised twice at once.
+            with FileLock(self._folder / "courier.lock").acquire(timeout=ROUND_SECONDS):
+                self._deliver_all(self._connected())
+        except Timeout:
+            return True
+        except Exception as error:
+            if not self._warned:
+                self._warned = True
+                self._warn(_sentence(self._destination.uri, error, self._folder))
+            logger.debug("delivery failed", exc_info=error)
+            return False
+        return True
+
+    def _connected(self) -> Delivery:
+        if self._delivery is None:
+            from stages.tracking.delivery import Delivery
+
+            delivery = Delivery(self._destination.uri, self._destination.artifact_root, self._store)
+            delivery.ping()
+            self._delivery = delivery
+        return self._delivery
+
+    def _deliver_all(self, delivery: Delivery) -> None:
+        waiting = [(journal, journal.entries()) for journal in journals(self._folder)]
+        # Parents come first: their children refer to them.
+        waiting.sort(key=lambda pair: _parent_of(pair[1]) is not None)
+        for journal, entries in waiting:
+            self._deliver_one(delivery, journal, entries)
+
+    def _deliver_one(self, delivery: Delivery, journal: Journal, entries: list[Entry]) -> None:
+        uri = self._destination.uri
+        state = DeliveryState.load(journal, uri)
+        news = [entry for entry in entries if entry.end > state.offset]
+        if not news:
+            return
+        key = _parent_of(entries)
+        parent = DeliveryState.load(Journal(self._folder, key), uri) if key else None
+        for progress in delivery.deliver(news, state, parent):
+            progress.save(journal, uri)
+        with journal.abandoned() as abandoned:
+            if abandoned and entries[-1].content["event"] != END:
+                delivery.terminate(state, KILLED)
+
+
+def _parent_of(entries: list[Entry]) -> str | None:
+    return next((entry.content["parent"] for entry in entries if entry.content["event"] == RUN), None)
+
+
+def _sentence(uri: str, error: Exception, folder: Path) -> str:
+    reason = " ".join(str(error).split())[:200] or type(error).__name__
+    return (
+        f"MLflow at '{uri}' cannot be used ({reason}); the run goes on, and its records wait in '{folder}' "
+        "until the next run finds it well"
+    )
