@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,20 @@ class ScriptedEnv(AssemblyEnv):
             return observation, reward, False, False, info
         info["outcome"] = Outcome.SUCCESS if self.seed % 2 else Outcome.PART_LOST
         return observation, reward, True, False, info
+
+
+class ExplodingEnv(AssemblyEnv):
+    """Episodes of even seeds fly apart in their third step."""
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        self.fuse = 2 if seed is not None and seed % 2 == 0 else -1
+        return super().reset(seed=seed)
+
+    def step(self, action: NDArray[np.floating[Any]]) -> Any:
+        if self.fuse == 0:
+            self.data.qvel[-1] = 1e9
+        self.fuse -= 1
+        return super().step(action)
 
 
 def run(seeds: Sequence[int], **settings: Any) -> list[Episode]:
@@ -110,6 +125,20 @@ def test_episodes_of_every_outcome_are_kept(monkeypatch: pytest.MonkeyPatch):
     episodes = run([0, 1, 2])
     assert [episode.record.outcome for episode in episodes] == [Outcome.PART_LOST, Outcome.SUCCESS, Outcome.PART_LOST]
     assert [len(episode) for episode in episodes] == [3, 4, 5]
+
+
+def test_an_explosion_is_an_outcome_and_harms_no_later_episode(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+):
+    monkeypatch.chdir(tmp_path)
+    alone = run([3])[0]
+    monkeypatch.setattr("juicer.rollout.AssemblyEnv", ExplodingEnv)
+    exploded, after = run([2, 3], num_envs=1)
+    assert exploded.record.outcome is Outcome.DIVERGED
+    assert len(exploded) == 3
+    assert_identical(alone, after)
+    assert list(tmp_path.iterdir()) == []
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("num_envs", [1, 3, 6])

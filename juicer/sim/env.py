@@ -7,6 +7,7 @@ One step is exactly 0.1 s of simulated time.
 
 from __future__ import annotations
 
+import logging
 from functools import lru_cache
 from typing import Any
 
@@ -39,6 +40,10 @@ _LOST_BELOW_M = TABLE_HEIGHT_M - 0.05
 _DIVERGED_SPEED = 200.0
 
 Observation = dict[str, NDArray[np.float32]]
+
+logger = logging.getLogger(__name__)
+# MuJoCo would print its warnings and write MUJOCO_LOG.TXT into the working directory.
+mujoco.set_mju_user_warning(logger.debug)
 
 
 @lru_cache(maxsize=8)
@@ -153,10 +158,11 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         proprioception = np.concatenate(
             [data.site_xpos[site], matrix_to_rot6d(rotation), velocity[3:], velocity[:3], width]
         )
-        return {
-            "proprioception": proprioception.astype(np.float32),
-            "part_poses": data.qpos[self._parts].astype(np.float32),
-        }
+        with np.errstate(over="ignore"):  # a diverged state may exceed single precision
+            return {
+                "proprioception": proprioception.astype(np.float32),
+                "part_poses": data.qpos[self._parts].astype(np.float32),
+            }
 
     def get_state(self) -> NDArray[np.float64]:
         """Everything that decides the future, as a vector; see :meth:`set_state`."""
