@@ -19,9 +19,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-# Solids collide with all solids. Beads meet only beads and bores: the helix inside a hole lies behind the
-# bore's own wall, where a peg of the nominal radius cannot reach it.
-SOLID, BEAD = 1, 2
+# Solids collide with solids, beads with beads and bores, and a peg with the bead that lines a hole too. Nothing else
+# can reach a bead: it lies behind its bore, or winds close around its peg.
+SOLID, BEAD, PEG_SHAFT = 1, 2, 4
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,10 @@ class Surface:
 
 
 PART = Surface(friction=0.15, priority=0, condim=3)
+PEG = Surface(friction=0.15, priority=0, condim=3, contype=SOLID | PEG_SHAFT, conaffinity=SOLID)
 BORE_WALL = Surface(friction=0.15, priority=0, condim=3, contype=SOLID | BEAD, conaffinity=SOLID | BEAD)
 PEG_BEAD = Surface(friction=0.15, priority=0, condim=3, contype=BEAD, conaffinity=BEAD)
-HOLE_BEAD = Surface(friction=0.15, priority=0, condim=3, contype=BEAD, conaffinity=BEAD)
+HOLE_BEAD = Surface(friction=0.15, priority=0, condim=3, contype=BEAD, conaffinity=BEAD | PEG_SHAFT)
 TABLE = Surface(friction=0.125, priority=1, condim=3)
 FIXTURE = Surface(friction=0.575, priority=2, condim=3)
 ARM = Surface(friction=0.575, priority=2, condim=3, contype=0, conaffinity=SOLID)

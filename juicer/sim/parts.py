@@ -17,12 +17,12 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
-from juicer.sim.contacts import BORE_WALL, HOLE_BEAD, PART, PEG_BEAD
+from juicer.sim.contacts import BORE_WALL, HOLE_BEAD, PART, PEG, PEG_BEAD
 from juicer.tasks.specification import Bore, PartSpec, Peg, Thread
 
 HOLE_BEADS_PER_TURN = 16
-PEG_BEADS_PER_TURN = 8
-BORE_BOXES = 12
+PEG_BEADS_PER_TURN = 12
+BORE_BOXES = 16
 TIP_SPHERES = 8
 TIP_SPHERE_RADIUS = 1.5e-3
 
@@ -49,13 +49,13 @@ def add_part(spec: mujoco.MjSpec, part: PartSpec) -> None:
 def _add_peg(body: mujoco.MjsBody, peg: Peg, rgba: tuple[float, ...]) -> None:
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=(peg.radius, 0, 0), rgba=rgba,
-        fromto=(0, peg.tip_y + peg.radius, 0, 0, peg.root_y, 0), **PART.attributes(),
+        fromto=(0, peg.tip_y + peg.radius, 0, 0, peg.root_y, 0), **PEG.attributes(),
     )  # fmt: skip
     ring = peg.radius - TIP_SPHERE_RADIUS
     for angle in np.arange(TIP_SPHERES) * 2 * math.pi / TIP_SPHERES:
         body.add_geom(
             type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(TIP_SPHERE_RADIUS, 0, 0), rgba=rgba,
-            pos=(ring * math.sin(angle), peg.tip_y + TIP_SPHERE_RADIUS, ring * math.cos(angle)), **PART.attributes(),
+            pos=(ring * math.sin(angle), peg.tip_y + TIP_SPHERE_RADIUS, ring * math.cos(angle)), **PEG.attributes(),
         )  # fmt: skip
 
 

@@ -33,10 +33,10 @@ class LegOverHole:
         poses[0] = [0.59, 0.0836, env.task.parts[0].start[2] + 1e-4, *env.task.parts[0].start[3:]]
         top = quat_to_matrix(poses[0, 3:])
         self.hole = poses[0, :3] + top @ self.target[:3]
-        poses[4, :3] = self.hole + [0, 0, height_m]
+        poses[4, :3] = self.hole + np.array([0, 0, height_m])
         poses[4, 3:] = matrix_to_quat(top @ axis_rotation("y", leg_yaw_rad))
         joints = RESET_JOINTS_RAD.copy()
-        goal = self.action(poses[4, :3] + [0, 0, GRASP_ABOVE_ORIGIN_M], self.hand_yaw, grip=1.0)
+        goal = self.action(poses[4, :3] + np.array([0, 0, GRASP_ABOVE_ORIGIN_M]), self.hand_yaw, grip=1.0)
         for _ in range(60):
             joints = env._controller.joint_targets(goal, joints)
         data.qpos[:NUM_ARM_JOINTS] = data.ctrl[:NUM_ARM_JOINTS] = joints
