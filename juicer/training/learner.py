@@ -27,6 +27,11 @@ def learning_rate(step: int, config: TrainingConfig) -> float:
     return config.learning_rate * 0.5 * (1 + math.cos(math.pi * done))
 
 
+def torch_seed(seed: int, *names: str | int) -> int:
+    """Seed for torch's random state, one for each purpose; see :func:`juicer.seeding.stream`."""
+    return int(stream(seed, *names).integers(2**63))
+
+
 class Learner:
     """Takes training steps whose randomness is a function of seed and step alone.
 
@@ -56,7 +61,7 @@ class Learner:
 
     def seed_step(self, step: int) -> None:
         """Set torch's global random state for everything random in a step."""
-        torch.manual_seed(int(stream(self._seed, "step", step).integers(2**63)))
+        torch.manual_seed(torch_seed(self._seed, "step", step))
 
     def learn(self, batch: Batch, step: int) -> Tensor:
         """Take one training step and return its loss, a scalar."""

@@ -73,18 +73,23 @@ class WindowTable:
         self._action_steps = torch.from_numpy(windows.action_steps).to(device)
         is_target = windows.is_recorded | learn_padding
         self._weights = torch.from_numpy(is_target.astype(np.float32)[..., None]).to(device)
-        self._chunks = self._encode_all()
+        self._chunks = self._encode_all(self._observations["proprioception"][self._obs_steps[:, -1]])
         self._prepared: Prepared = {}
 
     def __len__(self) -> int:
         """Number of windows."""
         return len(self._obs_steps)
 
-    def fit(self) -> None:
-        """Give the network the limits of these windows' observations and actions."""
-        steps = np.unique(self._obs_steps.cpu().numpy())
-        self._network.encoder.fit({name: values[steps] for name, values in self._observations.items()})
-        self._network.action_normalizer.fit(self._chunks.flatten(0, 1))
+    def fit(self, noise: StateNoise | None = None) -> None:
+        """Give the network the limits of what these windows will show it, physical state noise included."""
+        seen = {name: values[self._obs_steps] for name, values in self._observations.items()}
+        chunks = self._chunks
+        if isinstance(noise, PhysicalStateNoise):
+            noisy = perturb_observations(seen, noise)
+            chunks = torch.cat([chunks, self._encode_all(noisy["proprioception"][:, -1])])
+            seen = {name: torch.cat([values, noisy[name]]) for name, values in seen.items()}
+        self._network.encoder.fit({name: values.flatten(0, 1) for name, values in seen.items()})
+        self._network.action_normalizer.fit(chunks.flatten(0, 1))
 
     def normalize(self) -> None:
         """Apply the network's limits; needed once before batches are taken."""
@@ -111,15 +116,15 @@ class WindowTable:
                 prepared[name][:num_noisy] = values
         return Batch(prepared, chunk, self._weights[rows])
 
-    def recorded(self, rows: Tensor | slice) -> tuple[Tensor, Tensor]:
+    def recorded(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """Absolute actions ``(B, T_p, 10)`` and current proprioception ``(B, 16)`` of windows."""
         current = self._obs_steps[rows, -1]
         return self._actions[self._action_steps[rows]], self._observations["proprioception"][current]
 
-    def _encode_all(self) -> Tensor:
-        starts = range(0, len(self), ENCODED_AT_ONCE)
-        blocks = [slice(start, start + ENCODED_AT_ONCE) for start in starts]
-        return torch.cat([self._network.frame.encode(*self.recorded(rows)) for rows in blocks])
+    def _encode_all(self, proprioception: Tensor) -> Tensor:
+        blocks = [slice(start, start + ENCODED_AT_ONCE) for start in range(0, len(self), ENCODED_AT_ONCE)]
+        encode = self._network.frame.encode
+        return torch.cat([encode(self._actions[self._action_steps[rows]], proprioception[rows]) for rows in blocks])
 
 
 class BatchOrder:

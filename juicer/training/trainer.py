@@ -20,7 +20,7 @@ from juicer.policy.network import PolicyNetwork, build_policy
 from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progress
 from juicer.seeding import stream
 from juicer.training.config import TrainingConfig
-from juicer.training.learner import Learner, learning_rate
+from juicer.training.learner import Learner, learning_rate, torch_seed
 from juicer.training.state import TrainingState, load_state, save_state, training_identity
 from juicer.training.state_noise import OriginalStateNoise
 from juicer.training.table import BatchOrder, WindowTable
@@ -88,7 +88,7 @@ def train(
     torch_device = torch.device(device)
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
-        network = build_policy(policy, features, int(stream(seed, "weights").integers(2**63))).to(torch_device)
+        network = build_policy(policy, features, torch_seed(seed, "weights")).to(torch_device)
         tables = build_tables(episodes, network, config, seed, torch_device)
         learner = Learner(network, config, seed, torch_device)
         loop = _Loop(learner, tables, config, seed, metrics or NullMetricSink())
@@ -119,7 +119,8 @@ def build_tables(
         windows = cut_windows(episodes.episode_ends, side, network.config.horizons, config.windows.back_padding)
         if len(side):
             tables.append(WindowTable(episodes, windows, network, config.windows.learn_padding, device))
-    tables[0].fit()
+    torch.manual_seed(torch_seed(seed, "limits"))
+    tables[0].fit(config.state_noise)
     for table in tables:
         table.normalize()
     return TrainingTables(learned=tables[0], held_out=tables[1] if len(tables) > 1 else None)

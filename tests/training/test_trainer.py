@@ -1,0 +1,211 @@
+import math
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+import torch
+
+from juicer.errors import ConfigError, TrainingFailed
+from juicer.policy.checkpoint import load_policy, save_checkpoint
+from juicer.policy.config import DiffusionConfig, HorizonConfig, MLPConfig, PolicyConfig, UNetConfig
+from juicer.training.learner import learning_rate
+from juicer.training.state import STATE_FILE
+from juicer.training.state_noise import OriginalStateNoise, PhysicalStateNoise
+from juicer.training.trainer import train
+
+HEADS = {
+    "mlp": MLPConfig(width=32, blocks=1),
+    "unet": DiffusionConfig(denoiser=UNetConfig(channels=(16, 16, 16), step_embedding=8)),
+}
+
+
+class Curves:
+    def __init__(self):
+        self.points = {}
+
+    def log(self, metrics, step):
+        self.points |= {(name, step): value for name, value in metrics.items()}
+
+
+class KilledError(Exception):
+    pass
+
+
+def kill_at(step):
+    def progress(done, total, **facts):
+        if done >= step:
+            raise KilledError
+
+    return progress
+
+
+def assert_equal_checkpoints(first, second):
+    for states in ((first.weights, second.weights), (first.ema or {}, second.ema or {})):
+        assert states[0].keys() == states[1].keys()
+        for name, value in states[0].items():
+            assert torch.equal(value, states[1][name]), name
+
+
+@pytest.mark.parametrize("noise", [None, PhysicalStateNoise()])
+def test_a_killed_training_resumes_bit_for_bit(episodes, spec, policy_config, training_config, tmp_path, noise):
+    config = training_config.model_copy(update={"state_noise": noise, "report_every": 1})
+    straight_curves, curves = Curves(), Curves()
+    straight = train([episodes()], policy_config, spec, config, seed=3, metrics=straight_curves)
+    arguments = ([episodes()], policy_config, spec, config)
+    with pytest.raises(KilledError):
+        train(*arguments, seed=3, scratch=tmp_path, metrics=curves, progress=kill_at(23))
+    assert (tmp_path / STATE_FILE).exists()
+    torch.rand(5)
+    resumed = train(*arguments, seed=3, scratch=tmp_path, metrics=curves)
+    assert_equal_checkpoints(straight.checkpoint, resumed.checkpoint)
+    assert curves.points == straight_curves.points
+    assert resumed.facts == straight.facts
+
+
+def test_a_resumed_training_continues_and_does_not_start_again(
+    episodes, spec, policy_config, training_config, tmp_path
+):
+    arguments, reports = ([episodes()], policy_config, spec, training_config), []
+    with pytest.raises(KilledError):
+        train(*arguments, seed=3, scratch=tmp_path, progress=kill_at(20))
+    train(*arguments, seed=3, scratch=tmp_path, progress=lambda done, total, **facts: reports.append((done, facts)))
+    assert [done for done, _ in reports] == [20, 30, 40]
+    assert {"loss", "seconds_left"} <= set(reports[0][1])
+
+
+def test_a_training_killed_by_the_system_resumes_bit_for_bit(episodes, spec, policy_config, training_config, tmp_path):
+    data = episodes()
+    np.savez(tmp_path / "data.npz", ends=data.episode_ends, action=data.actions, **data.observations)
+    (tmp_path / "policy.json").write_text(policy_config.model_dump_json())
+    (tmp_path / "spec.json").write_text(spec.model_dump_json())
+    (tmp_path / "training.json").write_text(training_config.model_dump_json())
+    script = textwrap.dedent(
+        f"""
+        import os, pathlib, signal
+        import numpy as np
+        from juicer.policy.config import PolicyConfig
+        from juicer.policy.features import FeatureSpec
+        from juicer.training.config import TrainingConfig
+        from juicer.training.trainer import train
+        from juicer.training.windows import TrainingEpisodes
+
+        folder = pathlib.Path({str(tmp_path)!r})
+        arrays = dict(np.load(folder / "data.npz"))
+        ends, action = arrays.pop("ends"), arrays.pop("action")
+        data = TrainingEpisodes(arrays, action, ends, [f"demo/{{i}}" for i in range(len(ends))])
+
+        def die(done, total, **facts):
+            if done == 20:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+        train(
+            [data],
+            PolicyConfig.model_validate_json((folder / "policy.json").read_text()),
+            FeatureSpec.model_validate_json((folder / "spec.json").read_text()),
+            TrainingConfig.model_validate_json((folder / "training.json").read_text()),
+            seed=3,
+            scratch=folder / "scratch",
+            progress=die,
+        )
+        """
+    )
+    killed = subprocess.run([sys.executable, "-c", script], env={**os.environ, "OMP_NUM_THREADS": "1"}, check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert (tmp_path / "scratch" / STATE_FILE).exists()
+    arguments = ([data], policy_config, spec, training_config)
+    resumed = train(*arguments, seed=3, scratch=tmp_path / "scratch")
+    assert_equal_checkpoints(resumed.checkpoint, train(*arguments, seed=3).checkpoint)
+
+
+def test_a_state_of_other_settings_is_not_continued(episodes, spec, policy_config, training_config, tmp_path, caplog):
+    with pytest.raises(KilledError):
+        train([episodes()], policy_config, spec, training_config, seed=3, scratch=tmp_path, progress=kill_at(20))
+    other = train([episodes()], policy_config, spec, training_config, seed=4, scratch=tmp_path)
+    assert "of other data or settings" in caplog.text
+    assert_equal_checkpoints(
+        other.checkpoint, train([episodes()], policy_config, spec, training_config, seed=4).checkpoint
+    )
+
+
+def test_a_damaged_state_is_passed_over(episodes, spec, policy_config, training_config, tmp_path, caplog):
+    (tmp_path / STATE_FILE).write_bytes(b"half a state")
+    train([episodes()], policy_config, spec, training_config, seed=3, scratch=tmp_path)
+    assert "cannot be read" in caplog.text
+
+
+def test_the_seed_decides_and_the_caller_does_not(episodes, spec, policy_config, training_config):
+    torch.manual_seed(1)
+    first = train([episodes()], policy_config, spec, training_config, seed=3)
+    torch.manual_seed(2)
+    again = train([episodes()], policy_config, spec, training_config, seed=3)
+    drawn = torch.rand(1)
+    torch.manual_seed(2)
+    assert torch.equal(drawn, torch.rand(1)), "training moved the caller's random state"
+    assert_equal_checkpoints(first.checkpoint, again.checkpoint)
+    other = train([episodes()], policy_config, spec, training_config, seed=4)
+    assert not torch.equal(
+        first.checkpoint.weights["head.denoiser.stem.weight"], other.checkpoint.weights["head.denoiser.stem.weight"]
+    )
+
+
+def test_training_lowers_the_error_on_held_out_episodes(episodes, spec, policy_config, training_config):
+    config = training_config.model_copy(update={"steps": 400, "batch_size": 64, "learning_rate": 3e-3})
+    curves = Curves()
+    train([episodes([40] * 20)], policy_config, spec, config, seed=0, metrics=curves)
+    error_mm = [curves.points[("validation/position_error_mm", step)] for step in (20, 400)]
+    assert error_mm[1] < 0.6 * error_mm[0]
+    assert error_mm[1] < 20
+    assert curves.points[("validation/gripper_accuracy", 400)] > 0.9
+
+
+@pytest.mark.parametrize("head", HEADS.values(), ids=HEADS.keys())
+@pytest.mark.parametrize("precision", ["fp32", "bf16"])
+def test_every_head_trains_and_acts(episodes, spec, training_config, tmp_path, head, precision):
+    policy = PolicyConfig(head=head, horizons=HorizonConfig(pred=8, action=4))
+    config = training_config.model_copy(update={"steps": 10, "warmup_steps": 2, "precision": precision})
+    trained = train([episodes()], policy, spec, config, seed=0)
+    save_checkpoint(tmp_path, trained.checkpoint)
+    rows = {name: values[:3] for name, values in episodes().observations.items()}
+    actions = load_policy(tmp_path).predict(rows, [np.random.default_rng(0)] * 3)
+    assert np.isfinite(actions).all()
+    assert math.isfinite(trained.facts["train/loss"])
+
+
+def test_without_a_moving_average_the_last_weights_act(episodes, spec, policy_config, training_config):
+    config = training_config.model_copy(update={"ema_decay": None, "validation_fraction": 0.0})
+    trained = train([episodes()], policy_config, spec, config, seed=0)
+    assert trained.checkpoint.ema is None
+    assert trained.checkpoint.metadata.acting_weights == "raw"
+    assert "validation/loss" not in trained.facts
+
+
+def test_short_snippets_count_beside_demonstrations(episodes, spec, policy_config, training_config):
+    snippets = episodes((5, 6), seed=1, family="snippet")
+    config = training_config.model_copy(update={"validation_fraction": 0.0})
+    alone = train([episodes()], policy_config, spec, config, seed=0)
+    mixed = train([episodes(), snippets], policy_config, spec, config, seed=0)
+    assert mixed.facts["num_windows"] == alone.facts["num_windows"] + 5 + 6
+
+
+def test_the_learning_rate_rises_linearly_and_falls_to_zero_like_a_cosine(training_config):
+    config = training_config.model_copy(update={"steps": 105, "warmup_steps": 5, "learning_rate": 1.0})
+    assert learning_rate(0, config) == pytest.approx(0.2)
+    assert learning_rate(4, config) == pytest.approx(1.0)
+    assert learning_rate(55, config) == pytest.approx(0.5)
+    assert learning_rate(104, config) < 1e-3
+
+
+def test_the_original_noise_is_refused_with_relative_actions(episodes, spec, policy_config, training_config):
+    config = training_config.model_copy(update={"state_noise": OriginalStateNoise()})
+    with pytest.raises(ConfigError, match="use state_noise 'physical'"):
+        train([episodes()], policy_config, spec, config, seed=0)
+
+
+def test_a_loss_that_is_no_number_ends_the_training(episodes, spec, policy_config, training_config):
+    config = training_config.model_copy(update={"learning_rate": 1e30, "warmup_steps": 0})
+    with pytest.raises(TrainingFailed, match=r"lower training\.learning_rate"):
+        train([episodes()], policy_config, spec, config, seed=0)
