@@ -46,7 +46,7 @@ def test_turning_clockwise_screws_the_leg_home_and_turning_back_lifts_it(leg_ove
     scene = leg_over_hole(0.0, height_m=0.026)
     scene.lower(14)
     scene.release()
-    for _ in range(7):
+    for _ in range(9):
         if scene.env._info()["outcome"] is Outcome.SUCCESS:
             break
         scene.turn(np.deg2rad(-95))
