@@ -34,7 +34,7 @@ class SourceTree:
             ArtifactError: If the source of ``entry``, or a file that a module lists in ``ASSETS``, is not found.
         """
         found: dict[str, str] = {}
-        waiting = [entry]
+        waiting = [entry, *self._resolve(_Import(entry), entry)]
         while waiting:
             name = waiting.pop()
             if name not in found:
@@ -118,6 +118,8 @@ class _Walk:
         self.tokens.append(type(node).__name__)
         for name in node._fields:
             value = getattr(node, name, None)
+            if isinstance(value, list):
+                value = [item for item in value if not _is_idle(item)]
             # Fields that are absent leave no trace, so that a field which a newer Python adds does not count.
             if value is None or value == [] or name == "ctx":
                 continue
@@ -132,10 +134,10 @@ class _Walk:
 
     def _visit_all(self, items: Sequence[ast.AST | str | None]) -> None:
         for item in items:
-            if not isinstance(item, ast.AST):
-                self.tokens.append(repr(item))
-            elif not _is_idle(item):
+            if isinstance(item, ast.AST):
                 self.visit(item)
+            else:
+                self.tokens.append(repr(item))
 
     def _note(self, node: ast.AST) -> None:
         if isinstance(node, ast.Import):
@@ -161,8 +163,8 @@ def _asset_lines(module: Path, patterns: tuple[str, ...]) -> Iterator[str]:
             yield f"{path.relative_to(module.parent).as_posix()} {digest(path.read_bytes())}"
 
 
-def _is_idle(node: ast.AST) -> bool:
-    """Whether a statement does nothing: a docstring, or ``pass`` in its place."""
+def _is_idle(node: object) -> bool:
+    """Whether an item of a block does nothing: a docstring, or ``pass`` in its place."""
     if isinstance(node, ast.Expr):
         return isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
     return isinstance(node, ast.Pass)

@@ -64,22 +64,19 @@ def write_episodes(folder: Path, episodes: Iterable[Episode], attributes: Mappin
         InvalidEpisode: If an episode's arrays differ in shape from those of the first.
     """
     group = zarr.open_group(folder / "episodes.zarr", mode="w-", zarr_format=3)
-    steps: dict[str, _Appender] = {}
-    finals: dict[str, _Appender] = {}
+    appenders: dict[str, _Appender] = {}
     rows: list[dict[str, Any]] = []
     for index, episode in enumerate(episodes):
-        for key, dtype in STEP_DTYPES.items():
+        arrays = {f"data/{key}": np.asarray(episode.steps[key]) for key in STEP_DTYPES}
+        arrays |= {f"final/{key}": np.asarray(episode.final[key])[None] for key in FINAL_KEYS}
+        for path, values in arrays.items():
             if index == 0:
-                steps[key] = _Appender(group, f"data/{key}", episode.steps[key].shape[1:], dtype)
-            steps[key].append(episode.steps[key])
-        for key in FINAL_KEYS:
-            if index == 0:
-                finals[key] = _Appender(group, f"final/{key}", np.shape(episode.final[key]), STEP_DTYPES[key])
-            finals[key].append(np.asarray(episode.final[key])[None])
+                appenders[path] = _Appender(group, path, values.shape[1:])
+            appenders[path].append(values)
         rows.append({"episode": index, "length": len(episode), **asdict(episode.record)})
     if not rows:
         raise NothingLeft("there is no episode to store")
-    for appender in (*steps.values(), *finals.values()):
+    for appender in appenders.values():
         appender.flush()
     ends = np.cumsum([row["length"] for row in rows], dtype=np.int64)
     group.create_array("meta/episode_ends", data=ends, chunks=ends.shape)
@@ -161,23 +158,26 @@ class EpisodeReader:
 
 
 class _Appender:
-    """Growing array that touches the disk one full chunk at a time."""
+    """Growing array that touches the disk a whole number of chunks at a time."""
 
-    def __init__(self, group: zarr.Group, path: str, shape: tuple[int, ...], dtype: type[np.generic]) -> None:
+    def __init__(self, group: zarr.Group, path: str, shape: tuple[int, ...]) -> None:
+        self._key = path.rpartition("/")[2]
+        self._shape = shape
         self._pending: list[Array] = []
-        self._path, self._shape, self._dtype = path, shape, dtype
         self._array = group.create_array(
             path,
             shape=(0, *shape),
             chunks=(CHUNK_STEPS, *shape),
-            dtype=np.dtype(dtype),
+            dtype=np.dtype(STEP_DTYPES[self._key]),
             compressors=BloscCodec(cname="zstd", clevel=5, shuffle="shuffle"),
         )
 
     def append(self, values: Array) -> None:
         if values.shape[1:] != self._shape:
-            raise InvalidEpisode(f"array '{self._path}' has shape {values.shape[1:]} a step after {self._shape} before")
-        self._pending.append(values.astype(self._dtype))
+            raise InvalidEpisode(
+                f"array '{self._key}' has shape {values.shape[1:]} a step but {self._shape} in the episodes before"
+            )
+        self._pending.append(values.astype(self._array.dtype))
         if sum(map(len, self._pending)) >= CHUNK_STEPS:
             pending = np.concatenate(self._pending)
             full = len(pending) // CHUNK_STEPS * CHUNK_STEPS
@@ -185,5 +185,6 @@ class _Appender:
             self._pending = [pending[full:]]
 
     def flush(self) -> None:
+        """Write what does not fill a chunk."""
         if rest := [values for values in self._pending if len(values)]:
             self._array.append(np.concatenate(rest))

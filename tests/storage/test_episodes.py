@@ -1,0 +1,156 @@
+"""Stored episodes: exact, small, streamed, and never silently incomplete."""
+
+from __future__ import annotations
+
+import gc
+import tracemalloc
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.store import ArtifactStore
+from juicer.episode import FINAL_KEYS, STEP_DTYPES, Episode, Outcome, Source
+from juicer.errors import ArtifactError, InvalidEpisode, NothingLeft
+from juicer.storage import episodes as module
+from juicer.storage.episodes import EpisodeReader, write_episodes
+
+EpisodeFactory = Callable[..., Episode]
+
+
+def assert_equal(first: Episode, second: Episode) -> None:
+    assert first.record == second.record
+    for key, dtype in STEP_DTYPES.items():
+        assert second.steps[key].dtype == dtype
+        np.testing.assert_array_equal(first.steps[key], second.steps[key])
+    for key in FINAL_KEYS:
+        np.testing.assert_array_equal(first.final[key], second.final[key])
+
+
+@pytest.mark.parametrize("chunk_steps", [1, 7, 2048])
+def test_episodes_read_back_exactly_whatever_the_chunks(
+    tmp_path: Path, episode_factory: EpisodeFactory, monkeypatch: pytest.MonkeyPatch, chunk_steps: int
+) -> None:
+    monkeypatch.setattr(module, "CHUNK_STEPS", chunk_steps)
+    written = [episode_factory(length, seed=length) for length in (1, 12, 7, 30)]
+    assert write_episodes(tmp_path, iter(written), {}) == 4
+    reader = EpisodeReader(tmp_path)
+    assert len(reader) == 4
+    assert reader.lengths.tolist() == [1, 12, 7, 30]
+    assert reader.episode_ends.tolist() == [1, 13, 20, 50]
+    for index, episode in enumerate(written):
+        assert_equal(episode, reader.read(index))
+    assert_equal(written[-1], reader.read(-1))
+
+
+def test_records_keep_every_fact(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
+    facts = {
+        "source": Source.AUGMENTATION,
+        "task": "lamp",
+        "randomness": "high",
+        "seed": 2**40,
+        "outcome": Outcome.PART_LOST,
+        "parts_assembled": 2,
+        "milestones": {"leg_lifted": 3, "inserted": 9},
+        "policy": "0123456789abcdef",
+        "parent": "0123456789abcdef/7",
+        "critical_state": 1,
+        "device": "keyboard",
+    }
+    plain, full = episode_factory(3), episode_factory(3, **{**facts, "seed": 5})
+    full = Episode(type(full.record)(**facts), full.steps, full.final)
+    write_episodes(tmp_path, [plain, full], {})
+    assert EpisodeReader(tmp_path).records == [plain.record, full.record]
+
+
+def test_whole_arrays_are_time_major(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
+    written = [episode_factory(length, seed=length) for length in (4, 9)]
+    write_episodes(tmp_path, written, {})
+    reader = EpisodeReader(tmp_path)
+    for key in STEP_DTYPES:
+        np.testing.assert_array_equal(reader.steps(key), np.concatenate([episode.steps[key] for episode in written]))
+    for key in FINAL_KEYS:
+        np.testing.assert_array_equal(reader.final(key), np.stack([episode.final[key] for episode in written]))
+
+
+def test_attributes_are_kept(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
+    write_episodes(tmp_path, [episode_factory()], {"task": "one_leg", "seeds": [1, 2]})
+    assert EpisodeReader(tmp_path).attributes == {"task": "one_leg", "seeds": [1, 2]}
+
+
+def test_an_episode_of_500_steps_takes_less_than_a_megabyte(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
+    write_episodes(tmp_path, [episode_factory(500, seed=seed, sim_state_size=180) for seed in range(3)], {})
+    size = sum(path.stat().st_size for path in tmp_path.rglob("*") if path.is_file())
+    assert size / 3 < 1e6
+
+
+def test_memory_does_not_grow_with_the_number_of_episodes(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
+    def generate() -> Iterator[Episode]:
+        for seed in range(40):
+            yield episode_factory(500, seed=seed, sim_state_size=170)
+
+    gc.collect()
+    tracemalloc.start()
+    write_episodes(tmp_path, generate(), {})
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    # Forty such episodes hold 34 megabytes.
+    assert peak < 20e6
+
+
+def test_no_episode_at_all_is_a_finding(tmp_path: Path) -> None:
+    with pytest.raises(NothingLeft, match="no episode to store"):
+        write_episodes(tmp_path, [], {})
+
+
+def test_episodes_of_different_shape_are_refused(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
+    with pytest.raises(InvalidEpisode, match=r"'part_poses' has shape \(14,\) a step but \(7,\)"):
+        write_episodes(tmp_path, [episode_factory(num_parts=1), episode_factory(num_parts=2)], {})
+
+
+def test_reading_past_the_end_is_an_error(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
+    write_episodes(tmp_path, [episode_factory()], {})
+    with pytest.raises(IndexError):
+        EpisodeReader(tmp_path).read(1)
+
+
+def test_a_folder_without_episodes_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ArtifactError, match="holds no episodes"):
+        EpisodeReader(tmp_path)
+
+
+def test_another_schema_version_is_named(
+    tmp_path: Path, episode_factory: EpisodeFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(module, "SCHEMA_VERSION", 99)
+        write_episodes(tmp_path, [episode_factory()], {})
+    with pytest.raises(ArtifactError, match="schema version 99"):
+        EpisodeReader(tmp_path)
+
+
+def test_no_file_of_stored_episodes_can_vanish_unnoticed(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
+    # Zarr alone reads a missing chunk as zeros.
+    store = ArtifactStore(tmp_path / "store")
+    with store.create(Recipe("ingest", "episodes")) as draft:
+        write_episodes(draft.path, [episode_factory(40, seed=seed) for seed in range(3)], {})
+    folder = store.open(draft.ref)
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    assert any(path.match("data/sim_state/c/*/*") for path in files)
+    for path in files:
+        content = path.read_bytes()
+        path.unlink()
+        assert store.verify(draft.ref)
+        path.write_bytes(content)
+    assert store.verify(draft.ref) == []
+
+
+def test_equal_episodes_make_equal_files(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        write_episodes(tmp_path / name, [episode_factory(50, seed=seed) for seed in range(3)], {"a": 1})
+    for path in (tmp_path / "first").rglob("*"):
+        if path.is_file():
+            assert path.read_bytes() == (tmp_path / "second" / path.relative_to(tmp_path / "first")).read_bytes()
