@@ -14,7 +14,7 @@ from juicer.config import StrictConfig, override, parse_config, read_mapping
 from juicer.errors import ConfigError, did_you_mean
 from juicer.ingestion import IngestionConfig
 from juicer.tasks.specification import Randomness
-from juicer.training.state_noise import OriginalStateNoise, PhysicalStateNoise
+from juicer.training.config import OriginalStateNoise, PhysicalStateNoise
 from stages.augment import AugmentConfig
 from stages.collect import CollectConfig
 from stages.evaluate import EvaluateConfig

@@ -12,8 +12,7 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.episode import OBSERVATION_KEYS, EpisodeRecord, Source
 from juicer.policy.checkpoint import save_checkpoint
-from juicer.policy.config import PolicyConfig
-from juicer.policy.features import FeatureSpec, PairSpec
+from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
 from juicer.storage.curves import CurveWriter
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.tables import read_selection

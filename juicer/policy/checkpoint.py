@@ -15,8 +15,7 @@ from torch import Tensor
 
 from juicer.config import StrictConfig
 from juicer.errors import InvalidCheckpoint
-from juicer.policy.config import PolicyConfig
-from juicer.policy.features import FeatureSpec
+from juicer.policy.config import FeatureSpec, PolicyConfig
 from juicer.policy.network import PolicyNetwork, build_policy
 from juicer.policy.policy import TrainedPolicy
 

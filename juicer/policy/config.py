@@ -1,4 +1,4 @@
-"""What a policy is made of, as configuration."""
+"""What a policy is made of, as configuration; free of torch, so that commands which only read it start fast."""
 
 from __future__ import annotations
 
@@ -7,10 +7,47 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from juicer.config import StrictConfig
-from juicer.policy.features import StateObservationConfig
 
 UNET_LENGTH_MULTIPLE = 4
 """The U-Net halves the time axis twice."""
+
+
+class StateObservationConfig(StrictConfig):
+    """How finely relative poses are shown."""
+
+    fine_scales_m: tuple[float, ...] = Field(default=(0.003, 0.01, 0.04), description="saturation lengths of offsets")
+    tilt_scale: float = Field(default=0.05, gt=0, description="saturation of the sine of a tilt")
+    clip: float = Field(default=1.5, ge=1, description="bound of normalised features, whose training range is [-1, 1]")
+
+
+class PairSpec(StrictConfig):
+    """Two parts that are to be joined.
+
+    Attributes:
+        first: Index of the part that receives.
+        second: Index of the part that is moved.
+        target: Assembled pose ``(7,)`` of the second part in the frame of the first: metres, quaternion wxyz.
+        axis: Axis of the second part along which it is inserted and about which it is screwed.
+    """
+
+    first: int = Field(ge=0)
+    second: int = Field(ge=0)
+    target: tuple[float, float, float, float, float, float, float]
+    axis: Literal["x", "y", "z"] = "y"
+
+
+class FeatureSpec(StrictConfig):
+    """The numbers of an assembly task that the features need."""
+
+    num_parts: int = Field(gt=0)
+    pairs: tuple[PairSpec, ...]
+
+    @model_validator(mode="after")
+    def _pairs_name_parts(self) -> Self:
+        for pair in self.pairs:
+            if max(pair.first, pair.second) >= self.num_parts:
+                raise ValueError(f"pair ({pair.first}, {pair.second}) names a part beyond num_parts={self.num_parts}")
+        return self
 
 
 class HorizonConfig(StrictConfig):

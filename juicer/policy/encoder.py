@@ -8,7 +8,8 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor, nn
 
-from juicer.policy.features import FeatureSpec, StateObservationConfig, observation_sizes, state_features
+from juicer.policy.config import FeatureSpec, StateObservationConfig
+from juicer.policy.features import observation_sizes, state_features
 from juicer.policy.normalizer import Normalizer
 
 Prepared = Mapping[str, Tensor]

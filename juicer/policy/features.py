@@ -8,57 +8,18 @@ tanh(x / scale). They are functions of the observed poses and nothing more.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal, NamedTuple, Self
+from typing import NamedTuple
 
 import torch
-from pydantic import Field, model_validator
 from torch import Tensor
 
-from juicer.config import StrictConfig
 from juicer.episode import PROPRIOCEPTION_SIZE
+from juicer.policy.config import FeatureSpec, PairSpec, StateObservationConfig
 from juicer.policy.rotations import matrix_to_rot6d, quat_to_matrix, rot6d_to_matrix, rotate_back
 
 POSITION = slice(0, 3)
 ROTATION = slice(3, 9)
 """Where end-effector position (m) and rotation (6D) stand in proprioception, and the target's in an action."""
-
-
-class StateObservationConfig(StrictConfig):
-    """How finely relative poses are shown."""
-
-    fine_scales_m: tuple[float, ...] = Field(default=(0.003, 0.01, 0.04), description="saturation lengths of offsets")
-    tilt_scale: float = Field(default=0.05, gt=0, description="saturation of the sine of a tilt")
-    clip: float = Field(default=1.5, ge=1, description="bound of normalised features, whose training range is [-1, 1]")
-
-
-class PairSpec(StrictConfig):
-    """Two parts that are to be joined.
-
-    Attributes:
-        first: Index of the part that receives.
-        second: Index of the part that is moved.
-        target: Assembled pose ``(7,)`` of the second part in the frame of the first: metres, quaternion wxyz.
-        axis: Axis of the second part along which it is inserted and about which it is screwed.
-    """
-
-    first: int = Field(ge=0)
-    second: int = Field(ge=0)
-    target: tuple[float, float, float, float, float, float, float]
-    axis: Literal["x", "y", "z"] = "y"
-
-
-class FeatureSpec(StrictConfig):
-    """The numbers of an assembly task that the features need."""
-
-    num_parts: int = Field(gt=0)
-    pairs: tuple[PairSpec, ...]
-
-    @model_validator(mode="after")
-    def _pairs_name_parts(self) -> Self:
-        for pair in self.pairs:
-            if max(pair.first, pair.second) >= self.num_parts:
-                raise ValueError(f"pair ({pair.first}, {pair.second}) names a part beyond num_parts={self.num_parts}")
-        return self
 
 
 class _Pose(NamedTuple):

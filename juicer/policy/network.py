@@ -9,10 +9,9 @@ from torch import Tensor, nn
 
 from juicer.episode import ACTION_SIZE
 from juicer.policy.actions import action_frame
-from juicer.policy.config import DiffusionConfig, PolicyConfig
+from juicer.policy.config import DiffusionConfig, FeatureSpec, PolicyConfig
 from juicer.policy.diffusion import DiffusionHead
 from juicer.policy.encoder import Prepared, StateEncoder
-from juicer.policy.features import FeatureSpec
 from juicer.policy.head import ActionHead
 from juicer.policy.mlp import MLPHead
 from juicer.policy.normalizer import Normalizer

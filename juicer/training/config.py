@@ -1,4 +1,4 @@
-"""How a policy is trained, as configuration."""
+"""How a policy is trained, as configuration; free of torch like :mod:`juicer.policy.config`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,30 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from juicer.config import StrictConfig
-from juicer.training.state_noise import OriginalStateNoise, PhysicalStateNoise
+
+
+class PhysicalStateNoise(StrictConfig):
+    """Noise in metres and radians, as the paper describes it."""
+
+    kind: Literal["physical"] = "physical"
+    probability: float = Field(default=0.2, ge=0, le=1, description="share of the samples of every batch")
+    position_m: float = Field(default=0.01, ge=0, description="standard deviation on each axis")
+    rotation_rad: float = Field(default=0.1, ge=0, description="standard deviation of each Euler angle")
+
+
+class OriginalStateNoise(StrictConfig):
+    """Noise as the original's code adds it: to the *normalised* state.
+
+    0.01 normalised units are 2 to 3 mm, and the rotated 6D numbers leave the normalised scale.
+    """
+
+    kind: Literal["original"] = "original"
+    probability: float = Field(default=0.2, ge=0, le=1, description="share of the samples of every batch")
+    position: float = Field(default=0.01, ge=0, description="standard deviation on each axis, normalised units")
+    rotation_rad: float = Field(default=0.1, ge=0, description="standard deviation of each Euler angle")
+
+
+StateNoise = PhysicalStateNoise | OriginalStateNoise
 
 
 class WindowConfig(StrictConfig):
@@ -40,7 +63,7 @@ class TrainingConfig(StrictConfig):
     )
     threads: int = Field(default=1, gt=0)
     windows: WindowConfig = WindowConfig()
-    state_noise: Annotated[PhysicalStateNoise | OriginalStateNoise, Field(discriminator="kind")] | None = None
+    state_noise: Annotated[StateNoise, Field(discriminator="kind")] | None = None
     validation_fraction: float = Field(default=0.05, ge=0, lt=1, description="share of the episodes held out")
     validate_every: int = Field(default=1000, gt=0, description="steps")
     report_every: int = Field(default=50, gt=0, description="steps")

@@ -7,40 +7,14 @@ perturbed pose.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
 
 import torch
-from pydantic import Field
 from torch import Tensor
 
-from juicer.config import StrictConfig
 from juicer.policy.encoder import Prepared
 from juicer.policy.features import POSITION, ROTATION
 from juicer.policy.rotations import euler_xyz_to_matrix, matrix_to_rot6d, rot6d_to_matrix
-
-
-class PhysicalStateNoise(StrictConfig):
-    """Noise in metres and radians, as the paper describes it."""
-
-    kind: Literal["physical"] = "physical"
-    probability: float = Field(default=0.2, ge=0, le=1, description="share of the samples of every batch")
-    position_m: float = Field(default=0.01, ge=0, description="standard deviation on each axis")
-    rotation_rad: float = Field(default=0.1, ge=0, description="standard deviation of each Euler angle")
-
-
-class OriginalStateNoise(StrictConfig):
-    """Noise as the original's code adds it: to the *normalised* state.
-
-    0.01 normalised units are 2 to 3 mm, and the rotated 6D numbers leave the normalised scale.
-    """
-
-    kind: Literal["original"] = "original"
-    probability: float = Field(default=0.2, ge=0, le=1, description="share of the samples of every batch")
-    position: float = Field(default=0.01, ge=0, description="standard deviation on each axis, normalised units")
-    rotation_rad: float = Field(default=0.1, ge=0, description="standard deviation of each Euler angle")
-
-
-StateNoise = PhysicalStateNoise | OriginalStateNoise
+from juicer.training.config import OriginalStateNoise, PhysicalStateNoise
 
 
 def perturb_observations(observations: Mapping[str, Tensor], noise: PhysicalStateNoise) -> dict[str, Tensor]:

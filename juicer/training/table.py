@@ -13,13 +13,8 @@ from juicer.errors import TrainingFailed
 from juicer.policy.encoder import Prepared
 from juicer.policy.network import PolicyNetwork
 from juicer.seeding import stream
-from juicer.training.state_noise import (
-    OriginalStateNoise,
-    PhysicalStateNoise,
-    StateNoise,
-    perturb_observations,
-    perturb_prepared,
-)
+from juicer.training.config import OriginalStateNoise, PhysicalStateNoise, StateNoise
+from juicer.training.state_noise import perturb_observations, perturb_prepared
 from juicer.training.windows import TrainingEpisodes, Windows
 
 ENCODED_AT_ONCE = 8192

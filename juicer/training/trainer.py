@@ -14,15 +14,13 @@ from torch import Tensor
 from juicer.errors import ConfigError, TrainingFailed
 from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetadata
 from juicer.policy.compute import compute_settings
-from juicer.policy.config import PolicyConfig
-from juicer.policy.features import FeatureSpec
+from juicer.policy.config import FeatureSpec, PolicyConfig
 from juicer.policy.network import PolicyNetwork, build_policy
 from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progress
 from juicer.seeding import stream
-from juicer.training.config import TrainingConfig
+from juicer.training.config import OriginalStateNoise, TrainingConfig
 from juicer.training.learner import Learner, learning_rate, torch_seed
 from juicer.training.state import TrainingState, load_state, save_state, training_identity
-from juicer.training.state_noise import OriginalStateNoise
 from juicer.training.table import BatchOrder, WindowTable
 from juicer.training.validation import validate
 from juicer.training.windows import TrainingEpisodes, concatenate, cut_windows, split_episodes

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from juicer.geometry import matrix_to_rot6d, normalised, quat_to_matrix
-from juicer.policy.features import FeatureSpec, PairSpec
+from juicer.policy.config import FeatureSpec, PairSpec
 
 Observations = dict[str, NDArray[np.float32]]
 

@@ -70,7 +70,7 @@ def trained(head, condition, chunk, num_steps):
         loss = head.compute_loss(condition, chunk).mean()
         loss.backward()
         optimizer.step()
-    return float(loss)
+    return loss.item()
 
 
 def test_training_makes_samples_resemble_the_data():

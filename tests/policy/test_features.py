@@ -11,7 +11,8 @@ from juicer.geometry import (
     relative_pose,
     rotvec_to_matrix,
 )
-from juicer.policy.features import FeatureSpec, PairSpec, StateObservationConfig, state_features
+from juicer.policy.config import FeatureSpec, PairSpec, StateObservationConfig
+from juicer.policy.features import state_features
 
 CONFIG = StateObservationConfig()
 

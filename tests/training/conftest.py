@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from juicer.geometry import matrix_to_rot6d, rotvec_to_matrix
-from juicer.policy.config import DiffusionConfig, HorizonConfig, MLPDenoiserConfig, PolicyConfig
-from juicer.policy.features import FeatureSpec, PairSpec
+from juicer.policy.config import DiffusionConfig, FeatureSpec, HorizonConfig, MLPDenoiserConfig, PairSpec, PolicyConfig
 from juicer.training.config import TrainingConfig
 from juicer.training.windows import TrainingEpisodes
 

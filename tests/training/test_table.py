@@ -5,7 +5,7 @@ import torch
 from juicer.errors import TrainingFailed
 from juicer.policy.network import build_policy
 from juicer.policy.rotations import rot6d_to_matrix
-from juicer.training.state_noise import OriginalStateNoise, PhysicalStateNoise
+from juicer.training.config import OriginalStateNoise, PhysicalStateNoise
 from juicer.training.table import BatchOrder, WindowTable
 from juicer.training.windows import cut_windows
 

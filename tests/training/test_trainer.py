@@ -12,9 +12,9 @@ import torch
 from juicer.errors import ConfigError, TrainingFailed
 from juicer.policy.checkpoint import load_policy, save_checkpoint
 from juicer.policy.config import DiffusionConfig, HorizonConfig, MLPConfig, PolicyConfig, UNetConfig
+from juicer.training.config import OriginalStateNoise, PhysicalStateNoise
 from juicer.training.learner import learning_rate
 from juicer.training.state import STATE_FILE
-from juicer.training.state_noise import OriginalStateNoise, PhysicalStateNoise
 from juicer.training.trainer import train
 
 HEADS = {
@@ -87,8 +87,7 @@ def test_a_training_killed_by_the_system_resumes_bit_for_bit(episodes, spec, pol
         f"""
         import os, pathlib, signal
         import numpy as np
-        from juicer.policy.config import PolicyConfig
-        from juicer.policy.features import FeatureSpec
+        from juicer.policy.config import FeatureSpec, PolicyConfig
         from juicer.training.config import TrainingConfig
         from juicer.training.trainer import train
         from juicer.training.windows import TrainingEpisodes
