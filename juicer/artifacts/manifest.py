@@ -22,11 +22,20 @@ MANIFEST_NAME = "manifest.json"
 
 @dataclass(frozen=True)
 class FileEntry:
-    """One file of an artifact: POSIX path within it, size in bytes, SHA-256 in hexadecimal digits."""
+    """One file of an artifact: POSIX path within it, size in bytes, SHA-256 in hexadecimal digits.
+
+    Raises:
+        ValueError: If the path leads out of the artifact, as a forged manifest might.
+    """
 
     path: str
     bytes: int
     sha256: str
+
+    def __post_init__(self) -> None:
+        """Check the path."""
+        if self.path.startswith("/") or ".." in self.path.split("/"):
+            raise ValueError(f"'{self.path}' leads out of the artifact")
 
 
 @dataclass(frozen=True)

@@ -54,6 +54,15 @@ def test_a_manifest_of_another_schema_says_so(manifest: Manifest) -> None:
         Manifest.from_text(json.dumps(body))
 
 
+@pytest.mark.parametrize("path", ["/etc/passwd", "../other", "a/../../b"])
+def test_a_forged_manifest_cannot_name_files_outside_its_artifact(manifest: Manifest, path: str) -> None:
+    with pytest.raises(ValueError, match="leads out of the artifact"):
+        FileEntry(path, 0, "ab" * 32)
+    forged = manifest.to_text().replace("a.bin", path)
+    with pytest.raises(ValueError, match=r"leads out of the artifact|checksum"):
+        Manifest.from_text(forged)
+
+
 def test_summaries_may_hold_numpy_numbers_and_numbers_that_are_none() -> None:
     facts = {
         "count": np.int64(3),

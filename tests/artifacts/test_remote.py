@@ -1,0 +1,283 @@
+"""Remote stores: the same promises, with objects that other machines see and a cache that may be wrong."""
+
+from __future__ import annotations
+
+import shutil
+import uuid
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import fsspec
+import pytest
+
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.errors import ArtifactError, ArtifactNotFound, ConfigError, DamagedArtifact, StoreNotWritable
+
+Make = Callable[..., ArtifactRef]
+Litter = Callable[[ArtifactStore], list[str]]
+
+
+@pytest.fixture(scope="module")
+def s3() -> Iterator[str]:
+    """A bucket on an S3 server of this process."""
+    pytest.importorskip("s3fs")
+    server_module = pytest.importorskip("moto.server")
+    server = server_module.ThreadedMotoServer(port=0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("AWS_ENDPOINT_URL", f"http://{host}:{port}")
+        patched.setenv("AWS_ACCESS_KEY_ID", "tester")
+        patched.setenv("AWS_SECRET_ACCESS_KEY", "secret")
+        patched.setenv("AWS_DEFAULT_REGION", "us-east-1")
+        fsspec.filesystem("s3").mkdir("bucket")
+        yield "s3://bucket"
+    server.stop()
+
+
+@pytest.fixture(params=["memory", "s3"])
+def url(request: pytest.FixtureRequest) -> str:
+    base = request.getfixturevalue("s3") if request.param == "s3" else "memory://store"
+    return f"{base}/{uuid.uuid4().hex}"
+
+
+@pytest.fixture
+def store(url: str, tmp_path: Path) -> ArtifactStore:
+    return ArtifactStore(url, cache=tmp_path / "cache")
+
+
+@pytest.fixture
+def elsewhere(url: str, tmp_path: Path) -> ArtifactStore:
+    """The same store as another machine sees it."""
+    return ArtifactStore(url, cache=tmp_path / "cache elsewhere")
+
+
+def filesystem(store: ArtifactStore) -> Any:
+    """The very instance that the store uses: fsspec keeps one for each set of arguments."""
+    return fsspec.core.url_to_fs(store.url, use_listings_cache=False)[0]
+
+
+def objects(store: ArtifactStore) -> dict[str, Any]:
+    """Every object of a store by its path below the store."""
+    fs, base = filesystem(store), store.url.partition("://")[2]
+    return {path.split(base, 1)[1].lstrip("/"): (fs, path) for path in fs.find(base)}
+
+
+def overwrite(store: ArtifactStore, ending: str, content: bytes | None) -> None:
+    """Change, or with no content delete, the one object whose path ends so."""
+    ((fs, path),) = [place for name, place in objects(store).items() if name.endswith(ending)]
+    fs.rm_file(path) if content is None else fs.pipe_file(path, content)
+
+
+def test_an_artifact_made_here_is_found_and_opened_elsewhere(
+    store: ArtifactStore,
+    elsewhere: ArtifactStore,
+    recipe: Recipe,
+    make: Make,
+    payload: dict[str, bytes],
+    litter: Litter,
+) -> None:
+    assert elsewhere.find(recipe) is None
+    ref = make(store, recipe, episodes=3)
+    assert elsewhere.find(recipe) == ref
+    assert elsewhere.resolve(ref.id[:5]) == ref
+    assert [manifest.summary for manifest in elsewhere.list()] == [{"episodes": 3}]
+    assert not elsewhere.cache.exists()
+    folder = elsewhere.open(ref, kind="episodes")
+    assert {name: (folder / name).read_bytes() for name in payload} == payload
+    assert elsewhere.verify(ref) == []
+    assert litter(store) == litter(elsewhere) == []
+
+
+def test_the_manifest_is_the_last_object_to_appear(
+    store: ArtifactStore, recipe: Recipe, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fs, seen = filesystem(store), []
+    original = fs.pipe_file
+
+    def pipe_file(path: str, *arguments: Any, **options: Any) -> None:
+        if path.endswith("manifest.json"):
+            seen.extend(objects(store))
+        original(path, *arguments, **options)
+
+    monkeypatch.setattr(fs, "pipe_file", pipe_file)
+    make(store, recipe)
+    assert sorted(name.rpartition("/")[2] for name in seen) == ["a.bin", "b.bin", "empty"]
+
+
+def test_nothing_but_the_artifact_is_left_in_the_store(store: ArtifactStore, recipe: Recipe, make: Make) -> None:
+    ref = make(store, recipe)
+    assert all(name.startswith(f"{ref}/") for name in objects(store))
+
+
+def test_a_second_block_for_one_recipe_is_adopted_elsewhere(
+    store: ArtifactStore, elsewhere: ArtifactStore, recipe: Recipe, make: Make
+) -> None:
+    make(store, recipe)
+    with elsewhere.create(recipe) as draft:
+        assert draft.adopted
+
+
+def test_an_opened_artifact_is_not_downloaded_again(
+    store: ArtifactStore, recipe: Recipe, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ref = make(store, recipe)
+    before = store.open(ref)
+    monkeypatch.setattr(filesystem(store), "get", None)
+    assert store.open(ref) == before
+
+
+@pytest.mark.parametrize("damage", ["altered", "deleted", "gone"])
+def test_a_damaged_copy_in_the_cache_is_replaced(
+    store: ArtifactStore, recipe: Recipe, make: Make, payload: dict[str, bytes], damage: str
+) -> None:
+    ref = make(store, recipe)
+    copy = store.open(ref)
+    if damage == "altered":
+        (copy / "a.bin").write_bytes(b"9876543210")
+    elif damage == "deleted":
+        (copy / "manifest.json").unlink()
+    else:
+        shutil.rmtree(copy)
+    assert (store.open(ref) / "a.bin").read_bytes() == payload["a.bin"]
+
+
+def test_a_repaired_artifact_replaces_the_copies_of_the_old_one(
+    store: ArtifactStore, elsewhere: ArtifactStore, recipe: Recipe, make: Make
+) -> None:
+    ref = make(store, recipe, {"a.bin": b"old"})
+    elsewhere.open(ref)
+    store.discard(ref)
+    make(store, recipe, {"a.bin": b"new"})
+    assert (elsewhere.open(ref) / "a.bin").read_bytes() == b"new"
+
+
+@pytest.mark.parametrize(
+    ("ending", "content", "problem"),
+    [
+        ("a.bin", None, "file 'a.bin' is missing"),
+        ("a.bin", b"", "file 'a.bin' has 0 bytes instead of 10"),
+        ("a.bin", b"0123456780", "file 'a.bin' has other content than when it was written"),
+        ("manifest.json", b"{}", "file 'manifest.json' is unusable: it is not a manifest"),
+    ],
+)
+def test_damage_in_the_store_is_noticed(
+    store: ArtifactStore,
+    elsewhere: ArtifactStore,
+    recipe: Recipe,
+    make: Make,
+    litter: Litter,
+    ending: str,
+    content: bytes | None,
+    problem: str,
+) -> None:
+    ref = make(store, recipe)
+    overwrite(store, ending, content)
+    assert elsewhere.verify(ref) == store.verify(ref) == [problem]
+    with pytest.raises(DamagedArtifact, match=problem):
+        elsewhere.open(ref)
+    assert litter(elsewhere) == []
+
+
+def test_an_extra_object_is_noticed_and_never_downloaded(
+    store: ArtifactStore, elsewhere: ArtifactStore, recipe: Recipe, make: Make
+) -> None:
+    ref = make(store, recipe)
+    ((fs, path),) = [place for name, place in objects(store).items() if name.endswith("a.bin")]
+    fs.pipe_file(path.replace("a.bin", "extra"), b"")
+    assert elsewhere.verify(ref) == ["file 'extra' does not belong to it"]
+
+
+def test_a_discarded_artifact_is_gone_for_everyone(
+    store: ArtifactStore, elsewhere: ArtifactStore, recipe: Recipe, make: Make
+) -> None:
+    ref = make(store, recipe)
+    elsewhere.open(ref)
+    elsewhere.discard(ref)
+    assert store.find(recipe) is None
+    assert objects(store) == {}
+    with pytest.raises(ArtifactNotFound):
+        store.open(ref)
+
+
+def test_an_interrupted_upload_is_finished_without_computing_again(
+    store: ArtifactStore, elsewhere: ArtifactStore, recipe: Recipe, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+
+    def put(*arguments: object, **options: object) -> None:
+        raise ConnectionResetError("connection reset by peer")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(filesystem(store), "put", put)
+        with pytest.raises(StoreNotWritable, match="cannot be written: connection reset by peer; check its address"):
+            make(store, recipe)
+    assert store.find(recipe) is None
+    assert store.refs() == []
+    with store.create(recipe) as draft:
+        assert draft.adopted
+    assert elsewhere.verify(recipe.ref) == []
+
+
+def test_a_damaged_copy_is_not_uploaded_but_computed_again(
+    store: ArtifactStore, recipe: Recipe, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(filesystem(store), "put", None)
+        with pytest.raises(StoreNotWritable):
+            make(store, recipe)
+    (store.cache / str(recipe.ref) / "a.bin").unlink()
+    make(store, recipe)
+    assert store.verify(recipe.ref) == []
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_of_two_machines_that_finish_together_the_first_is_kept(
+    store: ArtifactStore, elsewhere: ArtifactStore, recipe: Recipe, make: Make, same: bool
+) -> None:
+    with elsewhere.create(recipe) as late:
+        (late.path / "a.bin").write_bytes(b"first" if same else b"second")
+        make(store, recipe, {"a.bin": b"first"})
+    for machine in (store, elsewhere):
+        assert (machine.open(recipe.ref) / "a.bin").read_bytes() == b"first"
+        assert machine.verify(recipe.ref) == []
+    assert len(objects(store)) == 2
+
+
+def test_a_store_that_cannot_be_written_is_found_out_before_the_work(
+    store: ArtifactStore, recipe: Recipe, monkeypatch: pytest.MonkeyPatch
+) -> None:
+
+    def refuse(*arguments: object, **options: object) -> None:
+        raise PermissionError("Access Denied")
+
+    monkeypatch.setattr(filesystem(store), "pipe_file", refuse)
+    with pytest.raises(StoreNotWritable, match="cannot be written: Access Denied"), store.create(recipe):
+        pytest.fail("the block must not run")
+
+
+def test_a_bucket_that_does_not_exist_is_found_out_before_the_work(s3: str, recipe: Recipe, tmp_path: Path) -> None:
+    store = ArtifactStore("s3://nowhere/at/all", cache=tmp_path)
+    assert store.find(recipe) is None
+    with pytest.raises(StoreNotWritable, match="s3://nowhere"), store.create(recipe):
+        pytest.fail("the block must not run")
+
+
+def test_an_unknown_protocol_is_refused(recipe: Recipe, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="'ftpx://host' cannot be used"):
+        ArtifactStore("ftpx://host", cache=tmp_path).find(recipe)
+
+
+def test_a_server_that_is_away_is_named(
+    s3: str, recipe: Recipe, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
+    monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
+    fsspec.filesystem("s3").clear_instance_cache()
+    try:
+        with pytest.raises(ArtifactError, match=r"cannot be read: .*; check its address"):
+            ArtifactStore(f"{s3}/x", cache=tmp_path).find(recipe)
+    finally:
+        fsspec.filesystem("s3").clear_instance_cache()
