@@ -78,6 +78,10 @@ class TrainingFailed(JuicerError):
     """Training cannot start from its data, or its loss is no longer a number."""
 
 
+class ServiceUnavailable(JuicerError):
+    """A server cannot be started or does not answer."""
+
+
 class StageDied(JuicerError):
     """The process of a stage ended before its work was done."""
 

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from stages.stage import StageCall
 
 
+ROUND = " round "
+
+
 class StageInterrupted(BaseException):
     """The user asked for an end while a stage was at work. Not an error: nothing is retried or reported."""
 
@@ -66,6 +69,10 @@ class Record(Protocol):
         """An artifact of the experiment is there, made now or before."""
         ...
 
+    def for_round(self, turn: int) -> Record:
+        """The record of one turn of collect, select, train."""
+        ...
+
 
 class SilentDisplay:
     """Display that shows nothing."""
@@ -87,6 +94,10 @@ class NoRecord:
 
     def made(self, ref: ArtifactRef, stage: str) -> None:
         """Forget the artifact."""
+
+    def for_round(self, turn: int) -> NoRecord:
+        """Nothing is kept of any turn."""
+        return self
 
 
 def perform_here(call: StageCall, session: Session) -> ArtifactRef:
@@ -126,6 +137,11 @@ class Session:
     stop: threading.Event = field(default_factory=threading.Event)
     fresh: set[str] = field(default_factory=set)
 
-    def scoped(self, label: str, record: Record | None = None) -> Self:
-        """The same session for one condition, seed or round."""
-        return replace(self, label=label, record=record or self.record)
+    def for_model(self, label: str, record: Record) -> Self:
+        """The same session for one condition and seed."""
+        return replace(self, label=label, record=record)
+
+    def for_round(self, turn: int) -> Self:
+        """The same session for one turn of collect, select, train."""
+        label = f"{self.label.partition(ROUND)[0]}{ROUND}{turn}"
+        return replace(self, label=label, record=self.record.for_round(turn))

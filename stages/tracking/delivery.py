@@ -19,10 +19,10 @@ from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ArtifactError
-from juicer.reporting.content import LineageNode
 from juicer.reporting.lineage import lineage_graph
 from juicer.storage.curves import read_curves
 from juicer.storage.tables import read_evaluation
+from stages.report_data import label_of, lineage_nodes
 from stages.tracking.journal import END, MADE, METRICS, RESULT, RUN, DeliveryState, Entry
 from stages.tracking.record import DATA_KINDS
 
@@ -168,7 +168,7 @@ class Delivery:
             self._client.set_registered_model_alias(name, alias, version.version)
 
     def _log_lineage(self, ref: ArtifactRef, state: DeliveryState) -> None:
-        graph = lineage_graph(lineage_nodes(self._store, ref))
+        graph = lineage_graph(list(lineage_nodes(self._store, [ref])))
         page = f"<!doctype html><meta charset='utf-8'><title>Lineage of {ref}</title>{graph}"
         self._client.log_text(state.run_id, page, "lineage.html")
         self._client.set_tag(state.run_id, "mlflow.note.content", _story(self._store, ref))
@@ -182,20 +182,6 @@ class Delivery:
         for start in range(0, len(pending), BATCH):
             self._client.log_batch(state.run_id, metrics=pending[start : start + BATCH])
         pending.clear()
-
-
-def lineage_nodes(store: ArtifactStore, ref: ArtifactRef) -> list[LineageNode]:
-    """An artifact and everything it was made from, as a graph to draw."""
-    nodes = []
-    for each in (*store.lineage(ref), ref):
-        try:
-            manifest = store.manifest(each)
-        except ArtifactError:
-            nodes.append(LineageNode(str(each), each.kind, "no longer there"))
-            continue
-        parents = tuple(map(str, manifest.recipe.parents))
-        nodes.append(LineageNode(str(each), each.kind, _label(manifest), parents))
-    return nodes
 
 
 def _metrics(event: Mapping[str, Any]) -> list[Metric]:
@@ -248,20 +234,5 @@ def _story(store: ArtifactStore, ref: ArtifactRef) -> str:
             lines.append(f"| `{each}` | | | no longer there |")
             continue
         parents = ", ".join(f"`{parent}`" for parent in manifest.recipe.parents) or "nothing"
-        lines.append(f"| `{each}` | {manifest.recipe.stage} | {parents} | {_label(manifest)} |")
+        lines.append(f"| `{each}` | {manifest.recipe.stage} | {parents} | {label_of(manifest)} |")
     return "\n".join(lines) + "\n"
-
-
-def _label(manifest: Manifest) -> str:
-    summary = manifest.summary
-    if "success_rate" in summary:
-        return f"{summary['success_rate']:.0%} of {summary['episodes']} episodes"
-    for key, noun in (
-        ("kept", "kept"),
-        ("critical_states", "critical states"),
-        ("episodes", "episodes"),
-        ("logs", "logs"),
-    ):
-        if isinstance(summary.get(key), int):
-            return f"{summary[key]} {noun}"
-    return f"{summary['steps']} steps" if "steps" in summary else manifest.recipe.stage

@@ -68,10 +68,6 @@ class RunRecord:
                 tags=dict(description.tags),
             )
 
-    def scoped(self, prefix: str) -> ScopedRecord:
-        """The record for one turn of the loop; the prefix goes before the names of its numbers."""
-        return ScopedRecord(self, prefix)
-
     def made(self, ref: ArtifactRef, stage: str, prefix: str, *, live: bool = False) -> None:
         """Note an artifact, once; ``live`` tells that its curves were noted while it was made."""
         if (str(ref), stage) not in self._known:
@@ -109,10 +105,10 @@ class RunRecord:
             logger.warning("the tracking journal cannot be written: %s", error)
 
 
-class ScopedRecord:
-    """What a session of stages tells its run: the :class:`stages.session.Record` of one turn."""
+class ModelRecord:
+    """What a session of stages tells its run; after the first training, names of numbers begin with the turn."""
 
-    def __init__(self, run: RunRecord, prefix: str) -> None:
+    def __init__(self, run: RunRecord, prefix: str = "") -> None:
         self._run = run
         self._prefix = prefix
         self._live: set[str] = set()
@@ -121,6 +117,10 @@ class ScopedRecord:
         """Curves go to the run."""
         self._live.add(stage)
         return _Curve(self._run, self._prefix)
+
+    def for_round(self, turn: int) -> ModelRecord:
+        """The record of one turn of collect, select, train."""
+        return ModelRecord(self._run, f"round_{turn}/")
 
     def made(self, ref: ArtifactRef, stage: str) -> None:
         """The run has an artifact."""

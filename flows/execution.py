@@ -1,0 +1,164 @@
+"""Every model of a run, side by side, and what they come to together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextvars import copy_context
+from dataclasses import dataclass, replace
+from typing import Any
+
+from flows.conditions import METHODS, Condition
+from flows.config import RunConfig
+from flows.loop import ModelOutcome, run_model
+from flows.tracked import Tracking
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.evaluation import ConditionResult
+from stages.report import ReportConfig, report
+from stages.report_data import ReportRow, condition_results
+from stages.session import Record, Session, StageInterrupted
+from stages.tracking.record import FAILED, FINISHED, KILLED
+
+POLL_SECONDS = 0.2
+
+
+@dataclass(frozen=True)
+class RunOutcome:
+    """What a run comes to.
+
+    Attributes:
+        models: One entry a condition and seed, in their order.
+        report: The page about them; none if there is no evaluation.
+    """
+
+    models: tuple[ModelOutcome, ...]
+    report: ArtifactRef | None
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Why some models have no result."""
+        return tuple(
+            f"{METHODS[model.condition].title}, seed {model.seed}: {model.finding}"
+            for model in self.models
+            if model.finding
+        )
+
+    def results(self, store: ArtifactStore) -> list[ConditionResult]:
+        """Rows of the comparison."""
+        return condition_results(store, *_rows(self.models))
+
+    def to_json(self, store: ArtifactStore) -> dict[str, Any]:
+        """For machines."""
+        return {
+            "models": [
+                {
+                    "condition": model.condition.value,
+                    "seed": model.seed,
+                    "checkpoint": str(model.checkpoint),
+                    "evaluation": str(model.evaluation) if model.evaluation else None,
+                    "finding": model.finding or None,
+                }
+                for model in self.models
+            ],
+            "table": [
+                {
+                    "condition": row.condition,
+                    "average": row.average,
+                    "interval": list(row.interval),
+                    "best": row.best,
+                    "models": row.num_models,
+                    "episodes": row.num_episodes,
+                }
+                for row in self.results(store)
+            ],
+            "findings": list(self.findings),
+            "report": str(self.report) if self.report else None,
+        }
+
+
+def execute(session: Session, config: RunConfig, tracking: Tracking | None) -> RunOutcome:
+    """Run every model, write the report, and close the records."""
+    status = FAILED
+    try:
+        models = run_models(session, config, tracking)
+        outcome = RunOutcome(tuple(models), None)
+        if any(model.evaluation for model in models):
+            outcome = replace(outcome, report=_write_report(session, config, outcome, tracking))
+        if tracking:
+            tracking.conclude(outcome.results(session.store))
+        status = FINISHED
+        return outcome
+    except (KeyboardInterrupt, StageInterrupted):
+        status = KILLED
+        raise
+    finally:
+        if tracking:
+            tracking.close(status)
+
+
+def run_models(
+    session: Session, config: RunConfig, tracking: Tracking | None = None, *, parallel: bool = True
+) -> list[ModelOutcome]:
+    """Outcomes of every condition and seed, seeds outermost.
+
+    In parallel, each model has a thread that does nothing but wait; how many stages really run at a time is the
+    task runner's business. If some fail, the others run to their ends before the first failure is raised.
+    """
+    chains: list[Callable[[], ModelOutcome]] = []
+    for seed in config.seeds:
+        for condition in config.conditions:
+            record: Record = tracking.model(condition, seed) if tracking else session.record
+            scope = session.for_model(f"{condition} seed {seed}", record)
+            chains.append(_chain(scope, config, condition, seed))
+    if not parallel:
+        return [chain() for chain in chains]
+    with ThreadPoolExecutor(len(chains), thread_name_prefix="model") as pool:
+        futures = [pool.submit(copy_context().run, chain) for chain in chains]
+        _wait(futures, session)
+    return [future.result() for future in futures]
+
+
+def _chain(session: Session, config: RunConfig, condition: Condition, seed: int) -> Callable[[], ModelOutcome]:
+    return lambda: run_model(session, config, condition, seed)
+
+
+def _wait(futures: Sequence[Future[ModelOutcome]], session: Session) -> None:
+    """Wait for all, but hear an interrupt from the keyboard at once and pass it on to the stages."""
+    pending = set(futures)
+    try:
+        while pending:
+            _, pending = wait(pending, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
+    except BaseException:
+        session.stop.set()
+        raise
+
+
+def _rows(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tuple[ReportRow, ...]]:
+    evaluated = [(model, model.evaluation) for model in models if model.evaluation]
+    return (
+        tuple(evaluation for _, evaluation in evaluated),
+        tuple(ReportRow(condition=METHODS[model.condition].title, seed=model.seed) for model, _ in evaluated),
+    )
+
+
+def _write_report(session: Session, config: RunConfig, outcome: RunOutcome, tracking: Tracking | None) -> ArtifactRef:
+    evaluations, rows = _rows(outcome.models)
+    report_config = ReportConfig(
+        title=config.name,
+        task=config.task,
+        rows=rows,
+        findings=outcome.findings,
+        facts=_facts(config),
+    )
+    scope = session.for_model("", tracking.whole() if tracking else session.record)
+    return report(scope, evaluations=evaluations, config=report_config)
+
+
+def _facts(config: RunConfig) -> Mapping[str, str]:
+    return {
+        "Task": config.task,
+        "Randomness": config.randomness.value,
+        "Seeds": ", ".join(map(str, config.seeds)),
+        "Evaluation episodes a model": str(config.evaluate.episodes),
+    }

@@ -1,0 +1,96 @@
+"""The loop for one model: demonstrations in, an evaluated policy out. Reads like the diagram in the README."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from flows.conditions import METHODS, Condition
+from flows.config import LoopConfig
+from juicer.artifacts.ref import ArtifactRef
+from juicer.errors import ConfigError, NothingLeft
+from juicer.teleoperation.log import SUFFIX
+from stages.annotate import annotate
+from stages.augment import AugmentConfig, augment
+from stages.collect import collect
+from stages.evaluate import evaluate
+from stages.ingest import ingest
+from stages.record import record
+from stages.select import select
+from stages.session import Session
+from stages.train import train
+
+
+@dataclass(frozen=True)
+class ModelOutcome:
+    """What became of one model.
+
+    Attributes:
+        condition: Its condition.
+        seed: Its seed.
+        checkpoint: The last one trained.
+        evaluation: How it did; none if the loop ended before.
+        finding: Why there is no evaluation, as a sentence.
+    """
+
+    condition: Condition
+    seed: int
+    checkpoint: ArtifactRef
+    evaluation: ArtifactRef | None = None
+    finding: str = ""
+
+
+def run_model(session: Session, config: LoopConfig, condition: Condition, seed: int) -> ModelOutcome:
+    """Train and evaluate the model of a condition and seed; whatever is in the store is reused."""
+    method = METHODS[condition]
+    demonstrations = get_demonstrations(session, config)
+    episodes = _training_episodes(session, config, demonstrations, config.augment if method.augments else None)
+    training = config.training(condition, seed)
+    checkpoint = train(session, episodes=episodes, config=training)
+
+    selections: tuple[ArtifactRef, ...] = ()
+    for turn in range(1, config.rounds + 1) if method.collects else ():
+        session = session.for_round(turn)
+        rollouts = collect(session, checkpoint=checkpoint, config=config.collection(seed, turn))
+        try:
+            selections += (select(session, episodes=rollouts, config=config.select),)
+        except NothingLeft as finding:
+            return ModelOutcome(condition, seed, checkpoint, finding=str(finding))
+        augmentation = (config.augment_retraining or config.augment) if method.augments else None
+        episodes = _training_episodes(session, config, demonstrations, augmentation)
+        checkpoint = train(session, episodes=episodes, selections=selections, config=training)
+
+    evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluate)
+    return ModelOutcome(condition, seed, checkpoint, evaluation)
+
+
+def get_demonstrations(session: Session, config: LoopConfig) -> ArtifactRef:
+    """Demonstrations from a human's logs if there are any, else from the scripted operator."""
+    if config.logs is not None:
+        return ingest(session, files=find_logs(config.logs), config=config.ingest)
+    logs = record(session, config=config.record)
+    return ingest(session, logs=logs, config=config.ingest)
+
+
+def find_logs(folder: Path) -> tuple[Path, ...]:
+    """Every operator log of a folder, by name.
+
+    Raises:
+        ConfigError: If there is no such folder, or no log in it.
+    """
+    if not folder.is_dir():
+        raise ConfigError(f"logs: folder '{folder}' does not exist")
+    paths = tuple(sorted(folder.glob(f"*{SUFFIX}")))
+    if not paths:
+        raise ConfigError(f"logs: folder '{folder}' holds no operator log (*{SUFFIX})")
+    return paths
+
+
+def _training_episodes(
+    session: Session, config: LoopConfig, demonstrations: ArtifactRef, augmentation: AugmentConfig | None
+) -> tuple[ArtifactRef, ...]:
+    if augmentation is None:
+        return (demonstrations,)
+    annotations = annotate(session, episodes=demonstrations, labels=config.labels, config=config.annotate)
+    corrective = augment(session, episodes=demonstrations, annotations=annotations, config=augmentation)
+    return (demonstrations, corrective)

@@ -1,0 +1,103 @@
+"""What MLflow is told about a run: a run for each condition, and below it one for each of its models."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from flows.conditions import METHODS, Condition
+from flows.config import RunConfig
+from juicer.artifacts.code_version import code_version
+from juicer.evaluation import ConditionResult, markdown_table
+from stages.catalog import STAGES
+from stages.tracking.record import ModelRecord, RunDescription, RunRecord
+
+_NOT_IDENTITY = {"condition", "conditions", "seed", "seeds", "flow", "logs", "labels"}
+_SHARED_PARAMS = ("task", "randomness", "record", "ingest", "annotate", "augment", "collect", "select", "evaluate")
+
+
+class Tracking:
+    """The records of one run of a flow."""
+
+    def __init__(self, folder: Path, config: RunConfig) -> None:
+        """Open the records below ``folder`` as they are asked for."""
+        self._folder = folder
+        self._config = config
+        content = config.model_dump(mode="json", exclude=_NOT_IDENTITY)
+        code = {name: code_version(f"stages.{name}") for name in STAGES}
+        self._identity = {"config": content, "code": code}
+        self._lock = threading.Lock()
+        self._conditions: dict[Condition, RunRecord] = {}
+        self._models: list[RunRecord] = []
+
+    def model(self, condition: Condition, seed: int) -> ModelRecord:
+        """Record of one model."""
+        training = self._config.training(condition, seed).model_dump(mode="json")
+        description = RunDescription(
+            experiment=self._config.name,
+            name=f"{condition} seed {seed}",
+            identity={**self._identity, "seed": seed},
+            params={**self._params(condition), "seed": seed, **dict(_flat(training, "train."))},
+            tags={
+                "condition": condition.value,
+                "seed": str(seed),
+                "juicer.model": f"{self._config.task}.{condition}",
+                "juicer.alias": f"seed-{seed}",
+            },
+        )
+        with self._lock:
+            record = RunRecord(self._folder, description, parent=self._condition(condition))
+            self._models.append(record)
+        return ModelRecord(record)
+
+    def whole(self) -> ModelRecord:
+        """Record of what concerns all models: that of the last condition."""
+        with self._lock:
+            return ModelRecord(self._condition(self._config.conditions[-1]))
+
+    def conclude(self, results: Sequence[ConditionResult]) -> None:
+        """Note what the conditions came to."""
+        titles = {METHODS[condition].title: record for condition, record in self._conditions.items()}
+        for result in results:
+            low, high = result.interval
+            metrics = {
+                "success_rate": result.average,
+                "success_rate_best": result.best,
+                "success_rate_low": low,
+                "success_rate_high": high,
+                "episodes": result.num_episodes,
+                "models": result.num_models,
+            }
+            titles[result.condition].result(metrics, markdown_table(results))
+
+    def close(self, status: str) -> None:
+        """End every record."""
+        with self._lock:
+            for record in (*self._models, *self._conditions.values()):
+                record.close(status)
+
+    def _condition(self, condition: Condition) -> RunRecord:
+        if condition not in self._conditions:
+            description = RunDescription(
+                experiment=self._config.name,
+                name=METHODS[condition].title,
+                identity=self._identity,
+                params=self._params(condition),
+                tags={"condition": condition.value},
+            )
+            self._conditions[condition] = RunRecord(self._folder, description)
+        return self._conditions[condition]
+
+    def _params(self, condition: Condition) -> dict[str, Any]:
+        content = self._config.model_dump(mode="json", include=set(_SHARED_PARAMS))
+        return {"condition": condition.value, **dict(_flat(content))}
+
+
+def _flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in content.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
