@@ -15,8 +15,19 @@ from juicer.errors import ArtifactError
 FIRST_PARTY = ("juicer", "stages")
 """Packages whose source counts; all else counts by its version, see :func:`library_versions`."""
 
-PLUMBING = ("juicer.artifacts", "juicer.errors", "juicer.progress", "stages.session", "stages.stage", "stages.tracking")
-"""Modules that carry results without shaping them: a change there must not invalidate hours of work."""
+PLUMBING = (
+    "juicer.artifacts",
+    "juicer.config",
+    "juicer.errors",
+    "juicer.progress",
+    "stages.session",
+    "stages.stage",
+    "stages.tracking",
+)
+"""Modules that carry results, or configuration that recipes hold anyway, without shaping them.
+
+A change there must not invalidate hours of work.
+"""
 
 
 def code_version(entry: ModuleType | str) -> str:

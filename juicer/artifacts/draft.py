@@ -15,9 +15,9 @@ class Draft:
 
     Attributes:
         ref: The artifact it becomes.
-        path: Hidden folder for the artifact's files; the finished artifact if ``adopted``.
+        path: Hidden folder for the artifact's files.
         scratch: Folder that outlives a killed run and is removed at commit, for resuming long work.
-        adopted: Another process finished the artifact meanwhile; nothing is to be done.
+        adopted: Another process finished the artifact meanwhile; nothing is to be done, and there is no folder to fill.
         summary: JSON facts for people: counts, rates. NaN and infinities are stored as null.
     """
 

@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from juicer.artifacts.ref import ID_LENGTH, ArtifactRef
+from juicer.artifacts.ref import ID_LENGTH, KINDS, ArtifactRef
 from juicer.config import canonical_json
+from juicer.errors import did_you_mean
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,9 @@ class Recipe:
         libraries: Versions of the libraries that shape its output.
         modules: Version of every module behind ``code``. Not part of the identity; kept so that a miss can be
             explained by the names of the modules that changed.
+
+    Raises:
+        ValueError: If the kind is unknown, or the config holds something that JSON cannot say.
     """
 
     stage: str
@@ -39,6 +43,8 @@ class Recipe:
 
     def __post_init__(self) -> None:
         """Bring equal content to equal form, so that a recipe equals its own JSON read back."""
+        if self.kind not in KINDS:
+            raise ValueError(f"'{self.kind}' is no kind of artifact{did_you_mean(self.kind, KINDS)}")
         object.__setattr__(self, "config", json.loads(canonical_json(self.config)))
         object.__setattr__(self, "inputs", {role: tuple(refs) for role, refs in self.inputs.items() if refs})
 

@@ -128,6 +128,8 @@ class ArtifactStore:
                 manifests.append(self.manifest(ref))
             except DamagedArtifact as error:
                 logger.warning("%s", error)
+            except ArtifactNotFound:
+                logger.debug("%s was discarded while the list was made", ref)
         return sorted(manifests, key=lambda manifest: (datetime.fromisoformat(manifest.finished), manifest.ref))
 
     def resolve(self, text: str, kind: str | None = None) -> ArtifactRef:

@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import pytest
@@ -75,6 +76,18 @@ def test_a_waiter_takes_over_when_the_computing_process_is_killed(store: Artifac
     assert store.verify(recipe.ref) == []
 
 
+def test_children_of_a_killed_process_do_not_keep_its_lock(store: ArtifactStore, recipe: Recipe) -> None:
+    reader, writer = fork.Pipe(duplex=False)
+    owner = fork.Process(target=_hang_with_child, args=(store, recipe, writer))
+    owner.start()
+    child = reader.recv()
+    owner.kill()
+    owner.join()
+    assert make_slowly(store, recipe) is False
+    # It was alive all the time.
+    os.kill(child, signal.SIGKILL)
+
+
 def test_a_waiter_takes_over_when_the_computation_fails(store: ArtifactStore, recipe: Recipe) -> None:
     begun = threading.Event()
 
@@ -102,6 +115,16 @@ def test_a_lock_excludes_while_others_sweep_and_its_file_comes_and_goes(tmp_path
 def _hang(store: ArtifactStore, recipe: Recipe) -> None:
     with store.create(recipe) as draft:
         (draft.path / "begun").write_text("")
+        time.sleep(60)
+
+
+def _hang_with_child(store: ArtifactStore, recipe: Recipe, writer: Connection) -> None:
+    with store.create(recipe):
+        child = os.fork()
+        if child == 0:
+            time.sleep(60)
+            os._exit(0)
+        writer.send(child)
         time.sleep(60)
 
 

@@ -105,7 +105,7 @@ def test_killed_at_any_moment_the_artifact_is_absent_or_whole(
     store: ArtifactStore, recipe: Recipe, litter: Litter
 ) -> None:
     chance = random.Random(0)
-    for attempt in range(6):
+    for attempt in range(4):
         tried = replace(recipe, config={"attempt": attempt})
         with start(store, tried, "slowly") as child:
             assert child.stdout is not None

@@ -67,3 +67,8 @@ def test_parents_are_named_once(recipe: Recipe) -> None:
 def test_a_config_without_a_canonical_form_is_refused() -> None:
     with pytest.raises(ValueError, match="JSON"):
         Recipe("train", "checkpoint", config={"rate": float("nan")})
+
+
+def test_an_unknown_kind_is_refused() -> None:
+    with pytest.raises(ValueError, match="did you mean 'episodes'"):
+        Recipe("ingest", "episode")
