@@ -57,7 +57,7 @@ class AugmentationSummary:
             "steps": sum(self._lengths),
             "mean_length": sum(self._lengths) / kept if kept else 0.0,
             "demonstrations_used": len(self._parents),
-            "rejections": dict(self._rejections.most_common()),
+            "rejections": {str(reason): n for reason, n in self._rejections.most_common()},
             "snippets_by_critical_state": {str(state): n for state, n in sorted(self._critical_states.items())},
             "by_departure": {
                 kind: {"attempts": tried, "snippets": self._kept[kind]} for kind, tried in sorted(self._tried.items())
