@@ -111,6 +111,11 @@ class CollectInferConfig(LoopConfig):
     condition: Condition = Condition.TA_CI
     seed: int = Field(default=0, ge=0)
 
+    def narrowed(self, condition: Condition | None, seed: int | None) -> CollectInferConfig:
+        """The same for another condition or seed."""
+        update = {"condition": condition, "seed": seed}
+        return self.model_copy(update={key: value for key, value in update.items() if value is not None})
+
     @property
     def conditions(self) -> tuple[Condition, ...]:
         """The only condition."""
@@ -128,6 +133,20 @@ class StudyConfig(LoopConfig):
     flow: Literal["study"] = "study"
     conditions: tuple[Condition, ...] = Field(default=tuple(Condition), min_length=1)
     seeds: tuple[Annotated[int, Field(ge=0)], ...] = Field(default=(0, 1, 2, 3, 4), min_length=1)
+
+    def narrowed(self, condition: Condition | None, seed: int | None) -> StudyConfig:
+        """The same with one condition or seed only.
+
+        Raises:
+            ConfigError: If the study has no such condition or seed.
+        """
+        if condition is not None and condition not in self.conditions:
+            raise ConfigError(f"the study has no condition '{condition}'{did_you_mean(condition, self.conditions)}")
+        if seed is not None and seed not in self.seeds:
+            raise ConfigError(f"the study has no seed {seed}; its seeds are {', '.join(map(str, self.seeds))}")
+        conditions = self.conditions if condition is None else (condition,)
+        seeds = self.seeds if seed is None else (seed,)
+        return self.model_copy(update={"conditions": conditions, "seeds": seeds})
 
     @field_validator("conditions", "seeds")
     @classmethod

@@ -33,9 +33,10 @@ def quiet_environment(settings: Settings) -> dict[str, str]:
     }
 
 
-def headless_environment() -> dict[str, str]:
-    """Variables that MuJoCo reads when it is imported: without a display, it draws through EGL."""
-    return {} if sys.platform != "linux" or os.environ.get("DISPLAY") else {"MUJOCO_GL": "egl"}
+def prepare_machine() -> None:
+    """Set what MuJoCo reads when it is imported: without a display, it draws through EGL."""
+    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+        os.environ.setdefault("MUJOCO_GL", "egl")
 
 
 def prefect_database(settings: Settings) -> str:
@@ -49,7 +50,8 @@ def prepare_environment(settings: Settings) -> bool:
     Raises:
         ServiceUnavailable: If a Prefect server is configured and does not answer.
     """
-    for name, value in (quiet_environment(settings) | headless_environment()).items():
+    prepare_machine()
+    for name, value in quiet_environment(settings).items():
         os.environ.setdefault(name, value)
     for name in EXTRA_LOGGERS:
         logging.getLogger(name).setLevel(logging.INFO)

@@ -84,7 +84,7 @@ def execute(session: Session, config: RunConfig, tracking: Tracking | None) -> R
         models = run_models(session, config, tracking)
         outcome = RunOutcome(tuple(models), None)
         if any(model.evaluation for model in models):
-            outcome = replace(outcome, report=_write_report(session, config, outcome, tracking))
+            outcome = replace(outcome, report=write_report(session, config, outcome, tracking))
         if tracking:
             tracking.conclude(outcome.results(session.store))
         status = FINISHED
@@ -142,7 +142,8 @@ def _rows(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tupl
     )
 
 
-def _write_report(session: Session, config: RunConfig, outcome: RunOutcome, tracking: Tracking | None) -> ArtifactRef:
+def write_report(session: Session, config: RunConfig, outcome: RunOutcome, tracking: Tracking | None) -> ArtifactRef:
+    """Make the page about the models that were evaluated."""
     evaluations, rows = _rows(outcome.models)
     report_config = ReportConfig(
         title=config.name,

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from flows.config import RunConfig
-from flows.execution import run_models
+from flows.execution import RunOutcome, run_models, write_report
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ConfigError, did_you_mean
@@ -38,9 +38,16 @@ class PlannedCall:
         """The artifact it makes."""
         return self.call.recipe.ref
 
+    def perform(self, session: Session) -> ArtifactRef:
+        """Make the call after all."""
+        return session.perform(self.call, session.for_model(self.label, session.record))
+
 
 def plan(store: ArtifactStore, config: RunConfig) -> list[PlannedCall]:
-    """Every call of a run once, in an order in which they can be made; without the report, which depends on results."""
+    """Every call of a run once, in an order in which they can be made.
+
+    The report, which depends on what the evaluations found, is among them only once these exist.
+    """
     planned: dict[str, PlannedCall] = {}
 
     def perform(call: StageCall, session: Session) -> ArtifactRef:
@@ -49,8 +56,32 @@ def plan(store: ArtifactStore, config: RunConfig) -> list[PlannedCall]:
             planned[call.recipe.id] = PlannedCall(call, session.label, exists)
         return call.recipe.ref
 
-    run_models(Session(store, perform=perform), config, parallel=False)
+    session = Session(store, perform=perform)
+    models = run_models(session, config, parallel=False)
+    if all(planned[model.evaluation.id].exists for model in models if model.evaluation):
+        write_report(session, config, RunOutcome(tuple(models), None), None)
     return list(planned.values())
+
+
+def is_complete(store: ArtifactStore, config: RunConfig) -> bool:
+    """Whether everything that a run makes is in the store."""
+
+    def perform(call: StageCall, session: Session) -> ArtifactRef:
+        if store.find(call.recipe) is None:
+            raise _MissingError
+        return call.recipe.ref
+
+    session = Session(store, perform=perform)
+    try:
+        models = run_models(session, config, parallel=False)
+        write_report(session, config, RunOutcome(tuple(models), None), None)
+    except _MissingError:
+        return False
+    return True
+
+
+class _MissingError(Exception):
+    """An artifact is not in the store."""
 
 
 def calls_of(planned: Iterable[PlannedCall], stage: str) -> list[PlannedCall]:
@@ -61,6 +92,8 @@ def calls_of(planned: Iterable[PlannedCall], stage: str) -> list[PlannedCall]:
     """
     planned = list(planned)
     chosen = [entry for entry in planned if entry.stage == stage]
+    if not chosen and stage == "report":
+        raise ConfigError("the report needs evaluations that are not in the store; run `juicer run` first")
     if not chosen:
         known = {entry.stage for entry in planned}
         raise ConfigError(f"this configuration has no stage '{stage}'{did_you_mean(stage, known)}")

@@ -11,7 +11,6 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.episode import Episode, Outcome
 from juicer.evaluation import Purpose, claim
-from juicer.policy.checkpoint import load_policy
 from juicer.progress import Progress
 from juicer.rollout import rollout
 from juicer.storage.episodes import write_episodes
@@ -34,6 +33,8 @@ class CollectConfig(StrictConfig):
 @stage(kind="episodes", inputs={"checkpoint": "checkpoint"}, libraries=("mujoco", "numpy", "torch", "zarr"))
 def collect(context: StageContext, *, checkpoint: ArtifactRef, config: CollectConfig) -> None:
     """Roll a policy out; every outcome is kept, with the simulator's full state."""
+    from juicer.policy.checkpoint import load_policy  # torch takes seconds to import
+
     episodes = rollout(
         load_policy(context.store.open(checkpoint, "checkpoint")),
         config.task,

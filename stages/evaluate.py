@@ -11,7 +11,6 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.episode import Episode, Outcome
 from juicer.evaluation import Purpose, claim, milestone_counts, wilson_interval
-from juicer.policy.checkpoint import load_policy
 from juicer.rollout import rollout
 from juicer.storage.episodes import write_episodes
 from juicer.storage.tables import EvaluationRow, write_evaluation
@@ -39,6 +38,8 @@ class EvaluateConfig(StrictConfig):
 @stage(kind="evaluation", inputs={"checkpoint": "checkpoint"}, libraries=("mujoco", "numpy", "torch"))
 def evaluate(context: StageContext, *, checkpoint: ArtifactRef, config: EvaluateConfig) -> None:
     """Measure a policy's success rate, with its interval and the milestones of every episode."""
+    from juicer.policy.checkpoint import load_policy  # torch takes seconds to import
+
     episodes = rollout(
         load_policy(context.store.open(checkpoint, "checkpoint")),
         config.task,

@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Concatenate, Generic, ParamSpec, get_type_hints
+from typing import Any, Concatenate, Generic, ParamSpec, get_origin, get_type_hints
 
 from juicer.artifacts.code_version import code_version, library_versions, module_versions
 from juicer.artifacts.draft import Draft
@@ -90,6 +90,10 @@ class Stage(Generic[P]):
         """Class of the body's ``config``."""
         model: type[StrictConfig] = get_type_hints(self.body)[CONFIG]
         return model
+
+    def takes_many(self, role: str) -> bool:
+        """Whether a role of the body's arguments is a tuple."""
+        return get_origin(get_type_hints(self.body)[role]) is tuple
 
     def _recipe(self, arguments: Mapping[str, Any]) -> Recipe:
         inputs: dict[str, tuple[ArtifactRef, ...]] = {}

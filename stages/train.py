@@ -11,14 +11,12 @@ from pydantic import Field
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.episode import OBSERVATION_KEYS, EpisodeRecord, Source
-from juicer.policy.checkpoint import save_checkpoint
 from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
 from juicer.storage.curves import CurveWriter
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.tables import read_selection
 from juicer.tasks.registry import get_task
 from juicer.training.config import TrainingConfig
-from juicer.training.trainer import train as train_policy
 from juicer.training.windows import TrainingEpisodes
 from stages.stage import StageContext, stage
 
@@ -45,6 +43,9 @@ def train(
     config: TrainConfig,
 ) -> None:
     """Train a policy on whole artifacts of episodes and on the kept episodes of selections."""
+    from juicer.policy.checkpoint import save_checkpoint  # torch takes seconds to import
+    from juicer.training.trainer import train as train_policy
+
     sources = [_source(context.store.open(ref, "episodes"), ref.id, None) for ref in episodes]
     for ref in selections:
         (origin,) = context.store.manifest(ref).recipe.inputs["episodes"]

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from filelock import FileLock, Timeout
 
 from juicer.artifacts.store import ArtifactStore
+from juicer.errors import TrackingError
 from stages.tracking.journal import END, RUN, DeliveryState, Entry, Journal, journals
 from stages.tracking.record import KILLED
 
@@ -22,6 +23,8 @@ logger = logging.getLogger(__name__)
 
 ROUND_SECONDS = 5.0
 RETRY_SECONDS = 30.0
+LOCK = "courier.lock"
+"""One courier at a time, which also keeps a new database from being initialised twice at once."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,22 @@ class Destination:
 
     uri: str
     artifact_root: Path | None = None
+
+
+def initialise(folder: Path, destination: Destination) -> None:
+    """Create the tables of a tracking database, one process at a time.
+
+    Raises:
+        TrackingError: If the database cannot be used.
+    """
+    from stages.tracking.delivery import Delivery
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with FileLock(folder / LOCK):
+            Delivery(destination.uri, destination.artifact_root, ArtifactStore(folder)).ping()
+    except Exception as error:
+        raise TrackingError(f"MLflow at '{destination.uri}' cannot be used: {_reason(error)}") from None
 
 
 class Courier:
@@ -90,8 +109,7 @@ class Courier:
         if not self.pending():
             return True
         try:
-            # One courier at a time, which also keeps a new database from being initialised twice at once.
-            with FileLock(self._folder / "courier.lock").acquire(timeout=ROUND_SECONDS):
+            with FileLock(self._folder / LOCK).acquire(timeout=ROUND_SECONDS):
                 self._deliver_all(self._connected())
         except Timeout:
             return True
@@ -138,9 +156,12 @@ def _parent_of(entries: list[Entry]) -> str | None:
     return next((entry.content["parent"] for entry in entries if entry.content["event"] == RUN), None)
 
 
+def _reason(error: Exception) -> str:
+    return " ".join(str(error).split())[:200] or type(error).__name__
+
+
 def _sentence(uri: str, error: Exception, folder: Path) -> str:
-    reason = " ".join(str(error).split())[:200] or type(error).__name__
     return (
-        f"MLflow at '{uri}' cannot be used ({reason}); the run goes on, and its records wait in '{folder}' "
+        f"MLflow at '{uri}' cannot be used ({_reason(error)}); the run goes on, and its records wait in '{folder}' "
         "until the next run finds it well"
     )

@@ -1,0 +1,163 @@
+"""Commands that run flows, or tell what they would do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from flows.commands.output import say, say_json, say_table
+from flows.conditions import Condition
+from flows.environment import prepare_environment, prepare_machine
+from flows.settings import Settings, read_settings
+from juicer.errors import ConfigError, did_you_mean
+
+if TYPE_CHECKING:
+    from flows.config import RunConfig
+    from flows.execution import RunOutcome
+    from juicer.artifacts.store import ArtifactStore
+
+
+def run_flow(path: Path, overrides: Sequence[str], as_json: bool) -> None:
+    """``juicer run``."""
+    settings = read_settings()
+    has_server = prepare_environment(settings)
+    from flows.config import load_run
+    from flows.opening import open_store
+
+    config = load_run(path, overrides)
+    store = open_store(settings)
+    outcome = None if has_server else _reuse_everything(settings, config)
+    if outcome is None:
+        outcome = _run_in_prefect(config)
+    if as_json:
+        say_json(outcome.to_json(store))
+        return
+    _say_outcome(outcome, config, store)
+
+
+def _reuse_everything(settings: Settings, config: RunConfig) -> RunOutcome | None:
+    """Outcome of a run of which everything is in the store; starting a Prefect server would show nothing new."""
+    from flows.execution import execute
+    from flows.opening import open_store, opened
+    from flows.plan import is_complete
+
+    if not is_complete(open_store(settings), config):
+        return None
+    with opened(settings, config) as surroundings:
+        return execute(surroundings.session, config, surroundings.tracking)
+
+
+def _run_in_prefect(config: RunConfig) -> RunOutcome:
+    from stages.isolation import warm_up
+
+    warm_up()
+    from flows.collect_infer import collect_infer
+    from flows.config import StudyConfig
+    from flows.study import study
+
+    return study(config) if isinstance(config, StudyConfig) else collect_infer(config)
+
+
+def run_stage(
+    name: str,
+    path: Path,
+    overrides: Sequence[str],
+    condition: str | None,
+    seed: int | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """``juicer stage``."""
+    prepare_environment(read_settings())
+    from flows.config import load_run
+    from stages.catalog import find_stage
+    from stages.isolation import warm_up
+
+    find_stage(name)
+    config = load_run(path, overrides)
+    chosen = _condition(condition)
+    warm_up()
+    from flows.single_stage import single_stage
+
+    refs = single_stage(name, config, chosen, seed, force)
+    if as_json:
+        say_json(refs)
+    else:
+        for ref in refs:
+            say(ref)
+
+
+def explain_stage(
+    name: str, path: Path, overrides: Sequence[str], condition: str | None, seed: int | None, as_json: bool
+) -> None:
+    """``juicer explain``."""
+    settings = read_settings()
+    prepare_machine()
+    from flows.config import load_run
+    from flows.opening import open_store
+    from flows.plan import calls_of, plan
+    from juicer.artifacts.explain import explain
+    from stages.catalog import find_stage
+
+    find_stage(name)
+    store = open_store(settings)
+    config = load_run(path, overrides).narrowed(_condition(condition), seed)
+    explained = [(entry, explain(store, entry.call.recipe)) for entry in calls_of(plan(store, config), name)]
+    if as_json:
+        say_json(
+            [
+                {
+                    "stage": name,
+                    "for": entry.label,
+                    "ref": str(found.ref),
+                    "hit": found.hit,
+                    "nearest": str(found.nearest.ref) if found.nearest else None,
+                    "differences": [difference.sentence for difference in found.differences],
+                }
+                for entry, found in explained
+            ]
+        )
+        return
+    for entry, found in explained:
+        first, *rest = found.sentences
+        say(f"{name} ({entry.label}): {first}")
+        for sentence in rest:
+            say(f"  {sentence}")
+
+
+def _condition(text: str | None) -> Condition | None:
+    try:
+        return None if text is None else Condition(text)
+    except ValueError:
+        raise ConfigError(f"unknown condition '{text}'{did_you_mean(str(text), Condition)}") from None
+
+
+def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore) -> None:
+    results = outcome.results(store)
+    if results:
+        rows = [
+            [
+                row.condition,
+                f"{row.average:.0%}",
+                f"{row.interval[0]:.0%} to {row.interval[1]:.0%}",
+                f"{row.best:.0%}",
+                str(row.num_models),
+                str(row.num_episodes),
+            ]
+            for row in results
+        ]
+        title = f"{config.task}, {config.randomness.value} randomness: success rates"
+        say_table(["condition", "average ", "95 % interval ", "best ", "models ", "episodes "], rows, title)
+    for finding in outcome.findings:
+        say(finding)
+    if outcome.report:
+        folder = store.open(outcome.report)
+        say("")
+        say(f"report   {folder / 'report.html'}")
+        if (folder / "success.mp4").exists():
+            say(f"film     {folder / 'success.mp4'}")
+        say("pages    juicer ui   (Prefect's and MLflow's, on this machine)")
+        evaluation = outcome.models[-1].evaluation
+        if evaluation:
+            say(f"lineage  juicer lineage {evaluation.id}")

@@ -1,0 +1,101 @@
+"""Brings together what a run needs: the store, the progress lines, the records and their delivery."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from flows.board import Board
+from flows.config import RunConfig
+from flows.plan import PlannedCall
+from flows.settings import Settings
+from flows.tracked import Tracking
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from stages.session import Session, perform_here
+from stages.stage import StageCall
+from stages.tracking.courier import Courier, Destination
+
+DELIVERY_SECONDS = 60.0
+"""How long the end of a run may wait for MLflow."""
+
+Performer = Callable[[StageCall, Session], ArtifactRef]
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A run's surroundings.
+
+    Attributes:
+        session: What its stages share.
+        board: Where its progress shows.
+        tracking: Its records; none if nothing is tracked.
+    """
+
+    session: Session
+    board: Board
+    tracking: Tracking | None
+
+
+def open_store(settings: Settings) -> ArtifactStore:
+    """The artifact store of this process."""
+    return ArtifactStore(settings.store_url, cache=settings.folder / "cache")
+
+
+@contextmanager
+def opened(
+    settings: Settings,
+    config: RunConfig | None,
+    perform: Performer = perform_here,
+    *,
+    forced: frozenset[str] = frozenset(),
+) -> Iterator[Opened]:
+    """Everything a run needs, for the length of a block; what was recorded is delivered at its end.
+
+    Args:
+        settings: Facts about this machine.
+        config: The run to be recorded; none records nothing.
+        perform: How stage calls are run.
+        forced: Stages that are recomputed even if their artifact is in the store.
+    """
+    store = open_store(settings)
+    with Board(workers=settings.workers) as board:
+        session = Session(
+            store,
+            display=board,
+            perform=perform,
+            workers=settings.workers,
+            num_envs=settings.num_envs,
+            device=settings.device,
+            isolate=True,
+            forced=forced,
+        )
+        if config is None or not settings.tracks:
+            yield Opened(session, board, None)
+            return
+        courier = Courier(settings.folder / "tracking", destination(settings), store, board.say)
+        tracking = Tracking(settings.folder / "tracking", config)
+        courier.start()
+        try:
+            yield Opened(session, board, tracking)
+        finally:
+            if not courier.finish(DELIVERY_SECONDS):
+                board.say("MLflow has not taken all records yet; the next run delivers the rest")
+
+
+def expect(opened: Opened, planned: list[PlannedCall]) -> None:
+    """Tell the progress lines what is to come, and how long it took before."""
+    seconds = {
+        manifest.recipe.stage: manifest.seconds
+        for manifest in opened.session.store.list()
+        if manifest.recipe.stage in {entry.stage for entry in planned}
+    }
+    opened.board.expect([(entry.stage, entry.label) for entry in planned if not entry.exists], seconds)
+
+
+def destination(settings: Settings) -> Destination:
+    """Where the records go."""
+    if settings.tracking_uri:
+        return Destination(settings.tracking_uri)
+    return Destination(f"sqlite:///{settings.folder / 'mlflow.db'}", settings.folder / "mlflow-files")

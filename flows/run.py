@@ -1,0 +1,53 @@
+"""The body that both flows share: everything a configuration asks for, as Prefect tasks of the flow run around it."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+from prefect.artifacts import create_markdown_artifact, create_table_artifact
+from prefect.futures import PrefectFuture
+from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
+
+from flows.config import RunConfig
+from flows.execution import RunOutcome, execute
+from flows.opening import expect, opened
+from flows.plan import plan
+from flows.settings import read_settings
+from juicer.artifacts.store import ArtifactStore
+from stages.prefect_task import PrefectPerformer
+
+
+def task_runner() -> TaskRunner[PrefectFuture[Any]]:
+    """As many stages at a time as this machine's settings allow; each works in a process of its own."""
+    runner: Any = ThreadPoolTaskRunner(max_workers=read_settings().workers)
+    return cast("TaskRunner[PrefectFuture[Any]]", runner)
+
+
+def run(config: RunConfig) -> RunOutcome:
+    """Run a configuration within a Prefect flow run."""
+    with opened(read_settings(), config, PrefectPerformer()) as surroundings:
+        store = surroundings.session.store
+        expect(surroundings, plan(store, config))
+        outcome = execute(surroundings.session, config, surroundings.tracking)
+        _show(outcome, store)
+        return outcome
+
+
+def _show(outcome: RunOutcome, store: ArtifactStore) -> None:
+    """The comparison on the flow run's page."""
+    rows = [
+        {
+            "condition": row.condition,
+            "average": f"{row.average:.0%}",
+            "95 % interval": f"{row.interval[0]:.0%} to {row.interval[1]:.0%}",
+            "best": f"{row.best:.0%}",
+            "models": row.num_models,
+            "episodes": row.num_episodes,
+        }
+        for row in outcome.results(store)
+    ]
+    if rows:
+        create_table_artifact(table=rows, key="comparison", description="Success rates")
+    if outcome.findings:
+        lines = "\n".join(f"- {finding}" for finding in outcome.findings)
+        create_markdown_artifact(markdown=lines, key="findings", description="Models without a result")
