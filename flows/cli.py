@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-import click
 import typer
 
 from juicer.errors import JuicerError
@@ -189,15 +188,15 @@ def call(arguments: list[str]) -> int:
     command = typer.main.get_command(app)
     try:
         status = command.main(arguments, prog_name="juicer", standalone_mode=False)
-    except click.ClickException as error:
-        error.show()
+    except typer.TyperException as error:
+        typer.echo(f"juicer: {error.format_message()}", err=True)
         return error.exit_code
     except JuicerError as error:
         typer.echo(f"juicer: {error}", err=True)
         return 1
-    except (KeyboardInterrupt, click.Abort):
+    # Typer turns Ctrl-C into this status.
+    if status == INTERRUPTED:
         typer.echo("juicer: interrupted; nothing is half-written, the same command continues the work", err=True)
-        return INTERRUPTED
     return status if isinstance(status, int) else 0
 
 
