@@ -41,8 +41,9 @@ if [ ! -x "$VENV/bin/python" ]; then
 fi
 suitable "$VENV/bin/python" || fail "$VENV holds a Python older than 3.11; remove it and start again."
 
-pip=("$VENV/bin/python" -m pip --disable-pip-version-check)
-[ -t 1 ] || pip+=(--no-input --progress-bar=off)
+pip=("$VENV/bin/python" -m pip --disable-pip-version-check --no-input)
+progress=on
+[ -t 1 ] || progress=off
 
 torch_is_there() {
     "$VENV/bin/python" -c "
@@ -53,7 +54,7 @@ sys.exit(importlib.metadata.version('torch').split('+')[0] != '$TORCH_VERSION')"
 # torch comes first and alone: asked for together with the rest, a resolver may choose another build of it.
 if ! torch_is_there; then
     echo "juicer set-up: installing torch $TORCH_VERSION"
-    "${pip[@]}" install ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} "torch==$TORCH_VERSION" ||
+    "${pip[@]}" install --progress-bar="$progress" ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} "torch==$TORCH_VERSION" ||
         fail "torch $TORCH_VERSION cannot be installed; see 'Which build of torch' in README.md."
 fi
 echo "juicer set-up: installing juicer and what it needs (some minutes, about 2 GB)"
