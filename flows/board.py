@@ -16,25 +16,13 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from flows.facts import headline, number
 from juicer.progress import Progress
 
 REFRESHES_PER_SECOND = 4
 PLAIN_SECONDS = 15.0
 BAR_WIDTH = 24
 _MARKS = {"done": ("✓", "green"), "reused": ("↺", "cyan"), "failed": ("✗", "red")}
-_HEADLINES = (
-    "success_rate",
-    "successes",
-    "yield",
-    "episodes",
-    "kept",
-    "rejected",
-    "critical_states",
-    "logs",
-    "train/loss",
-    "validation/position_error_mm",
-)
-"""Facts of a summary that a finished line shows, if it has them."""
 
 
 @dataclass
@@ -132,7 +120,7 @@ class Board:
             self._finished += state != "failed"
             mark, colour = _MARKS[state]
             took = f"{_duration(line.seconds):>8}" if line else f"{state:>8}"
-            text = f"{_clock()}  {mark} {stage:9} {label:24} {took}  {_headline(summary)}"
+            text = f"{_clock()}  {mark} {stage:9} {label:24} {took}  {headline(summary)}"
             self.console.print(Text(text.rstrip(), style=colour if state == "failed" else ""), soft_wrap=True)
 
     def seconds_left(self) -> tuple[float, bool]:
@@ -194,16 +182,4 @@ def _left(line: _Line) -> str:
 
 
 def _facts(line: _Line) -> str:
-    return "  ".join(f"{name} {_number(value)}" for name, value in line.facts.items() if name != "seconds_left")
-
-
-def _headline(summary: Mapping[str, Any]) -> str:
-    chosen = {name: summary[name] for name in _HEADLINES if isinstance(summary.get(name), int | float)}
-    if "success_rate" in chosen and "interval_low" in summary:
-        low, high = summary["interval_low"], summary["interval_high"]
-        return f"success {chosen['success_rate']:.0%} of {summary['episodes']} episodes ({low:.0%} to {high:.0%})"
-    return ", ".join(f"{name.partition('/')[2] or name} {_number(value)}" for name, value in chosen.items())
-
-
-def _number(value: float | str) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    return "  ".join(f"{name} {number(value)}" for name, value in line.facts.items() if name != "seconds_left")

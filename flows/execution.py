@@ -18,7 +18,7 @@ from juicer.evaluation import ConditionResult
 from stages.report import ReportConfig, report
 from stages.report_data import ReportRow, condition_results
 from stages.session import Record, Session, StageInterrupted
-from stages.tracking.record import FAILED, FINISHED, KILLED
+from stages.tracking.journal import FAILED, FINISHED, KILLED
 
 POLL_SECONDS = 0.2
 
@@ -110,7 +110,7 @@ def run_models(
         for condition in config.conditions:
             record: Record = tracking.model(condition, seed) if tracking else session.record
             scope = session.for_model(f"{condition} seed {seed}", record)
-            chains.append(_chain(scope, config, condition, seed))
+            chains.append(_chain(scope, config, condition, seed, tracking))
     if not parallel:
         return [chain() for chain in chains]
     with ThreadPoolExecutor(len(chains), thread_name_prefix="model") as pool:
@@ -119,8 +119,16 @@ def run_models(
     return [future.result() for future in futures]
 
 
-def _chain(session: Session, config: RunConfig, condition: Condition, seed: int) -> Callable[[], ModelOutcome]:
-    return lambda: run_model(session, config, condition, seed)
+def _chain(
+    session: Session, config: RunConfig, condition: Condition, seed: int, tracking: Tracking | None
+) -> Callable[[], ModelOutcome]:
+    def chain() -> ModelOutcome:
+        outcome = run_model(session, config, condition, seed)
+        if tracking:
+            tracking.finish(condition, seed)
+        return outcome
+
+    return chain
 
 
 def _wait(futures: Sequence[Future[ModelOutcome]], session: Session) -> None:

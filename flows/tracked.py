@@ -12,6 +12,7 @@ from flows.config import RunConfig
 from juicer.artifacts.code_version import code_version
 from juicer.evaluation import ConditionResult, markdown_table
 from stages.catalog import STAGES
+from stages.tracking.journal import FINISHED
 from stages.tracking.record import ModelRecord, RunDescription, RunRecord
 
 _NOT_IDENTITY = {"condition", "conditions", "seed", "seeds", "flow", "logs", "labels"}
@@ -30,7 +31,7 @@ class Tracking:
         self._identity = {"config": content, "code": code}
         self._lock = threading.Lock()
         self._conditions: dict[Condition, RunRecord] = {}
-        self._models: list[RunRecord] = []
+        self._models: dict[tuple[Condition, int], RunRecord] = {}
 
     def model(self, condition: Condition, seed: int) -> ModelRecord:
         """Record of one model."""
@@ -49,8 +50,12 @@ class Tracking:
         )
         with self._lock:
             record = RunRecord(self._folder, description, parent=self._condition(condition))
-            self._models.append(record)
+            self._models[condition, seed] = record
         return ModelRecord(record)
+
+    def finish(self, condition: Condition, seed: int) -> None:
+        """The model of a condition and seed is done, whatever becomes of the others."""
+        self._models[condition, seed].close(FINISHED)
 
     def whole(self) -> ModelRecord:
         """Record of what concerns all models: that of the last condition."""
@@ -73,10 +78,14 @@ class Tracking:
             titles[result.condition].result(metrics, markdown_table(results))
 
     def close(self, status: str) -> None:
-        """End every record."""
+        """End every record; those of finished models, and of conditions with no other, end well in any case."""
         with self._lock:
-            for record in (*self._models, *self._conditions.values()):
-                record.close(status)
+            for record in self._models.values():
+                if record.status != FINISHED:
+                    record.close(status)
+            for condition, record in self._conditions.items():
+                of_models = {model.status for key, model in self._models.items() if key[0] is condition}
+                record.close(FINISHED if of_models == {FINISHED} else status)
 
     def _condition(self, condition: Condition) -> RunRecord:
         if condition not in self._conditions:

@@ -29,11 +29,23 @@ from juicer.errors import StageDied
 from juicer.progress import MetricSink, Progress
 from stages.session import StageContext, StageInterrupted
 
-PRELOADED = ("torch", "mujoco", "zarr", "pyarrow.parquet", "juicer.sim.env", "juicer.policy.policy")
+PRELOADED = (
+    "torch",
+    "mujoco",
+    "zarr",
+    "numcodecs.blosc",
+    "pyarrow.parquet",
+    "juicer.sim.env",
+    "juicer.policy.checkpoint",
+    "juicer.training.trainer",
+    "juicer.storage.episodes",
+)
 """Imported once by the process from which all stage processes are forked."""
 
 REPORT_SECONDS = 0.1
 POLL_SECONDS = 0.2
+FAREWELL_SECONDS = 5.0
+"""How long a process that has done its work may take to end; threads of libraries may hold it up."""
 _LOGGERS = ("juicer", "stages")
 
 
@@ -77,7 +89,9 @@ def run_isolated(work: Work, progress: Progress, metrics: MetricSink, stop: thre
     sending.close()
     guarded.close()
     try:
-        return _listen(receiving, work, progress, metrics, stop)
+        summary = _listen(receiving, work, progress, metrics, stop)
+        process.join(FAREWELL_SECONDS)
+        return summary
     except EOFError:
         process.join()
         raise StageDied(_obituary(work.name, process.exitcode)) from None
@@ -138,8 +152,6 @@ def _work(work: Work, sending: Connection, guarded: Connection) -> None:
         error.add_note(f"In the process of stage '{work.name}':\n{traceback.format_exc()}")
         voice.say("error", _portable(error))
     sending.close()
-    # Threads of libraries must not keep a finished process alive, nor their clean-up turn success into a failure.
-    os._exit(0)
 
 
 def _run_body(work: Work, voice: _Voice) -> dict[str, Any]:

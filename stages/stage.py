@@ -171,8 +171,8 @@ class StageCall:
             with session.store.create(self.recipe) as draft:
                 if not draft.adopted:
                     self._fill(session, draft)
-        except BaseException:
-            session.display.finished(stage, label, "failed", {})
+        except BaseException as error:
+            session.display.finished(stage, label, "failed", {"reason": str(error)})
             raise
         return self._finish(session, Finished(draft.ref, reused=draft.adopted))
 

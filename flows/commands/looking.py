@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from flows.commands.output import bytes_text, say, say_json, say_table
+from flows.facts import headline
 from flows.settings import read_settings
 from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import KINDS, ArtifactRef
@@ -40,7 +41,7 @@ def list_kind(kind: str | None, as_json: bool) -> None:
             manifest.recipe.stage,
             manifest.finished[:19].replace("T", " "),
             bytes_text(sum(entry.bytes for entry in manifest.files)),
-            facts_line(manifest),
+            headline(manifest.summary),
         ]
         for manifest in manifests
     ]
@@ -112,19 +113,13 @@ def describe(manifest: Manifest) -> dict[str, Any]:
     }
 
 
-def facts_line(manifest: Manifest) -> str:
-    """The first few plain facts of a summary."""
-    facts = [(key, value) for key, value in manifest.summary.items() if isinstance(value, int | float)]
-    return "  ".join(f"{key} {value:.3g}" if isinstance(value, float) else f"{key} {value}" for key, value in facts[:5])
-
-
 def _tree(store: ArtifactStore, ref: ArtifactRef, first: str, rest: str, seen: set[ArtifactRef]) -> Iterator[str]:
     if ref not in store.refs(ref.kind):
         yield f"{first}{ref}  (no longer there)"
         return
     manifest = store.manifest(ref)
     repeated = ref in seen and manifest.recipe.parents
-    yield f"{first}{ref}  {manifest.recipe.stage}  {facts_line(manifest)}{'  (see above)' if repeated else ''}"
+    yield f"{first}{ref}  {manifest.recipe.stage}  {headline(manifest.summary)}{'  (see above)' if repeated else ''}"
     if repeated:
         return
     seen.add(ref)

@@ -13,8 +13,7 @@ from filelock import FileLock, Timeout
 
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import TrackingError
-from stages.tracking.journal import END, RUN, DeliveryState, Entry, Journal, journals
-from stages.tracking.record import KILLED
+from stages.tracking.journal import RUN, DeliveryState, Entry, Journal, journals
 
 if TYPE_CHECKING:
     from stages.tracking.delivery import Delivery
@@ -80,7 +79,9 @@ class Courier:
         self._thread = threading.Thread(target=self._work, name="tracking courier", daemon=True)
 
     def start(self) -> None:
-        """Begin to deliver."""
+        """Begin to deliver, first of all that killed runs were killed."""
+        for journal in journals(self._folder):
+            journal.bury()
         self._thread.start()
 
     def finish(self, patience_s: float) -> bool:
@@ -147,9 +148,6 @@ class Courier:
         parent = DeliveryState.load(Journal(self._folder, key), uri) if key else None
         for progress in delivery.deliver(news, state, parent):
             progress.save(journal, uri)
-        with journal.abandoned() as abandoned:
-            if abandoned and entries[-1].content["event"] != END:
-                delivery.terminate(state, KILLED)
 
 
 def _parent_of(entries: list[Entry]) -> str | None:

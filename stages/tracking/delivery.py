@@ -23,12 +23,15 @@ from juicer.reporting.lineage import lineage_graph
 from juicer.storage.curves import read_curves
 from juicer.storage.tables import read_evaluation
 from stages.report_data import label_of, lineage_nodes
-from stages.tracking.journal import END, MADE, METRICS, RESULT, RUN, DeliveryState, Entry
+from stages.tracking.journal import END, MADE, METRICS, RESULT, RESUMED, RUN, DeliveryState, Entry
 from stages.tracking.record import DATA_KINDS
 
 BATCH = 1000
 LONGEST_VALUE = 500
 """Letters of a parameter that MLflow's interface can still show."""
+
+NESTED_FACTS = ("milestones", "outcomes", "episodes", "timesteps")
+"""Tables within a summary that are shown number by number."""
 
 
 class Delivery:
@@ -69,10 +72,6 @@ class Delivery:
         self._flush(state, pending)
         yield state
 
-    def terminate(self, state: DeliveryState, status: str) -> None:
-        """Close a run."""
-        self._client.set_terminated(state.run_id, status)
-
     def _deliver(self, event: Mapping[str, Any], state: DeliveryState, parent: DeliveryState | None) -> None:
         if event["event"] == RUN:
             self._create(event, state, parent)
@@ -87,6 +86,8 @@ class Delivery:
             self._log_numbers(state, "", event["metrics"], event["time"])
             if event["table"]:
                 self._client.log_text(state.run_id, event["table"], "comparison.md")
+        elif event["event"] == RESUMED:
+            self._client.update_run(state.run_id, status="RUNNING")
         elif event["event"] == END:
             self._client.set_terminated(state.run_id, event["status"], event["time"])
 
@@ -109,7 +110,8 @@ class Delivery:
         if found:
             return str(found.experiment_id)
         location = None if self._artifact_root is None else (self._artifact_root / name).as_uri()
-        return str(self._client.create_experiment(name, artifact_location=location))
+        tags = {"mlflow.experimentKind": "custom_model_development"}  # else it opens as one about language models
+        return str(self._client.create_experiment(name, artifact_location=location, tags=tags))
 
     def _show(self, event: Mapping[str, Any], manifest: Manifest, state: DeliveryState) -> None:
         ref, prefix, stage = manifest.ref, event["prefix"], event["stage"]
@@ -190,9 +192,9 @@ def _metrics(event: Mapping[str, Any]) -> list[Metric]:
 
 def _flat_numbers(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, float]]:
     for key, value in content.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and key in NESTED_FACTS:
             yield from _flat_numbers(value, f"{prefix}{key}/")
-        elif isinstance(value, int | float):
+        elif isinstance(value, int | float) and "/" not in key:  # the others are the ends of curves
             yield (
                 "".join(letter if letter.isalnum() or letter in "/_-. " else "_" for letter in f"{prefix}{key}"),
                 value,
@@ -201,19 +203,17 @@ def _flat_numbers(content: Mapping[str, Any], prefix: str = "") -> Iterator[tupl
 
 def _dataset(manifest: Manifest, store_url: str) -> DatasetInput:
     recipe = manifest.recipe
-    source = {
-        "artifact": str(manifest.ref),
-        "store": store_url,
-        "made_by": recipe.stage,
-        "made_from": [str(parent) for parent in recipe.parents],
+    story = {
+        "made_by": f"stage {recipe.stage}",
+        "made_from": ", ".join(map(str, recipe.parents)) or f"{len(recipe.files)} files",
         "lineage": f"juicer lineage {manifest.ref.id}",
     }
     dataset = Dataset(
         name=f"{recipe.stage}: {manifest.ref.kind}",
         digest=manifest.ref.id,
         source_type="juicer",
-        source=json.dumps(source),
-        profile=json.dumps(dict(manifest.summary)),
+        source=json.dumps({"artifact": str(manifest.ref), "store": store_url}),
+        profile=json.dumps(story | dict(manifest.summary)),
     )
     return DatasetInput(dataset, [InputTag("mlflow.data.context", recipe.stage)])
 
@@ -233,6 +233,7 @@ def _story(store: ArtifactStore, ref: ArtifactRef) -> str:
         except ArtifactError:
             lines.append(f"| `{each}` | | | no longer there |")
             continue
-        parents = ", ".join(f"`{parent}`" for parent in manifest.recipe.parents) or "nothing"
+        files = [f"{len(manifest.recipe.files)} files"] if manifest.recipe.files else []
+        parents = ", ".join([f"`{parent}`" for parent in manifest.recipe.parents] + files)
         lines.append(f"| `{each}` | {manifest.recipe.stage} | {parents} | {label_of(manifest)} |")
     return "\n".join(lines) + "\n"

@@ -9,8 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -18,7 +17,9 @@ from typing import Any, Self
 from filelock import FileLock, Timeout
 
 SUFFIX = ".jsonl"
-RUN, METRICS, MADE, RESULT, END = "run", "metrics", "made", "result", "end"
+RUN, METRICS, MADE, RESULT, END, RESUMED = "run", "metrics", "made", "result", "end", "resumed"
+FINISHED, FAILED, KILLED = "FINISHED", "FAILED", "KILLED"
+"""How a run ends, in MLflow's words."""
 
 
 @dataclass(frozen=True)
@@ -54,14 +55,15 @@ class Journal:
         """Stop being its writer."""
         self._lock.release()
 
-    @contextmanager
-    def abandoned(self) -> Iterator[bool]:
-        """Whether nobody writes to it, held true for the length of the block."""
+    def bury(self) -> None:
+        """Write down that the run was killed, if it has not ended and nobody writes to it any more."""
         try:
             with self._lock.acquire(timeout=0):
-                yield True
+                entries = self.entries()
+                if entries and entries[-1].content["event"] != END:
+                    self.append(END, status=KILLED)
         except Timeout:
-            yield False
+            return
 
     def append(self, event: str, **content: Any) -> None:
         """Write an event with the present time in milliseconds."""

@@ -13,13 +13,12 @@ from typing import Any
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import canonical_json
 from juicer.progress import MetricSink
-from stages.tracking.journal import END, MADE, METRICS, RESULT, RUN, Journal
+from stages.tracking.journal import END, FINISHED, MADE, METRICS, RESULT, RESUMED, RUN, Journal
 
 logger = logging.getLogger(__name__)
 
 DATA_KINDS = ("logs", "episodes", "annotations", "selection")
 """Kinds that appear as datasets; a condition's run shows those of all its models."""
-FINISHED, FAILED, KILLED = "FINISHED", "FAILED", "KILLED"
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,12 @@ class RunDescription:
 
 
 class RunRecord:
-    """Record of one run. A run that is started again continues its record; what is known is not repeated."""
+    """Record of one run. A run that is started again continues its record; what is known is not repeated.
+
+    Attributes:
+        journal: Where it is written.
+        status: How the run ended; none while it goes on.
+    """
 
     def __init__(self, folder: Path, description: RunDescription, parent: RunRecord | None = None) -> None:
         """Open or continue the record below ``folder``."""
@@ -57,7 +61,7 @@ class RunRecord:
         self._attempt(self.journal.begin)
         entries = [entry.content for entry in self.journal.entries()]
         self._known = {(entry["ref"], entry["stage"]) for entry in entries if entry["event"] == MADE}
-        self._status = next((entry["status"] for entry in reversed(entries) if entry["event"] == END), None)
+        self.status = next((entry["status"] for entry in reversed(entries) if entry["event"] == END), None)
         if not any(entry["event"] == RUN for entry in entries):
             self._write(
                 RUN,
@@ -82,18 +86,20 @@ class RunRecord:
 
     def result(self, metrics: Mapping[str, float], table: str = "") -> None:
         """Note final numbers, and a table in Markdown."""
-        if self._status != FINISHED:
+        if self.status != FINISHED:
             self._write(RESULT, metrics=dict(metrics), table=table)
 
     def close(self, status: str) -> None:
         """The run is over."""
-        if self._status != status:
+        if self.status != status:
             self._write(END, status=status)
         self._attempt(self.journal.finish)
 
     def _write(self, event: str, **content: Any) -> None:
         with self._lock:
-            self._status = content.get("status")
+            if self.status and event != END:
+                self._attempt(lambda: self.journal.append(RESUMED))
+            self.status = content.get("status")
             self._attempt(lambda: self.journal.append(event, **content))
 
     @staticmethod
