@@ -14,6 +14,9 @@ from juicer.errors import InvalidObservation
 from juicer.policy.compute import compute_settings
 from juicer.policy.network import PolicyNetwork
 
+ACTION_LIMIT = 1.0
+"""Largest entry of an action that a robot takes; a regression overshoots its training range now and then."""
+
 INFERENCE_ROWS = 16
 """Rows of every batch that goes through the network.
 
@@ -50,7 +53,7 @@ class TrainedPolicy:
             streams: One generator an episode, from which the noise of its row is drawn.
 
         Returns:
-            Absolute actions ``(N, T_a, 10)``, robot base frame; a row depends on nothing but its own
+            Absolute actions ``(N, T_a, 10)``, robot base frame, entries within [-1, 1]; a row depends on nothing but its own
             observation and stream.
 
         Raises:
@@ -68,7 +71,7 @@ class TrainedPolicy:
                 padded = {name: torch.from_numpy(_fill_up(values[batch])) for name, values in rows.items()}
                 chunk = self._network.predict(padded, torch.from_numpy(_fill_up(noise[batch])))
                 actions[batch] = chunk[: batch.stop - start, first : first + horizons.action].numpy()
-        return actions
+        return actions.clip(-ACTION_LIMIT, ACTION_LIMIT)
 
     def _checked(self, observations: Mapping[str, NDArray[Any]], num_rows: int) -> dict[str, NDArray[np.float32]]:
         rows = {}
