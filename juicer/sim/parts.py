@@ -22,7 +22,7 @@ from juicer.tasks.specification import Bore, PartSpec, Peg, Thread
 
 HOLE_BEADS_PER_TURN = 16
 PEG_BEADS_PER_TURN = 12
-BORE_BOXES = 16
+BORE_BOXES = 12
 TIP_SPHERES = 8
 TIP_SPHERE_RADIUS = 1.5e-3
 
