@@ -53,8 +53,8 @@ class TrainedPolicy:
             streams: One generator an episode, from which the noise of its row is drawn.
 
         Returns:
-            Absolute actions ``(N, T_a, 10)``, robot base frame, entries within [-1, 1]; a row depends on nothing but its own
-            observation and stream.
+            Absolute actions ``(N, T_a, 10)``, robot base frame, entries within [-1, 1]; a row depends on nothing
+            but its own observation and stream.
 
         Raises:
             InvalidObservation: If an array is missing, has another shape, or holds a non-finite value.
