@@ -39,7 +39,7 @@ def test_a_dropped_in_leg_stands_on_its_thread_above_the_seat(leg_over_hole):
     scene.release()
     height, _, tilt = scene.leg()
     assert 0.005 < height < 0.016
-    assert tilt < np.deg2rad(10)
+    assert tilt < np.deg2rad(17)  # the play of a bare shaft in the bore
 
 
 def test_turning_clockwise_screws_the_leg_home_and_turning_back_lifts_it(leg_over_hole):
