@@ -40,6 +40,7 @@ format: setup ## Put the code into its standard form
 	$(RUN)/ruff format .
 
 setup: $(INSTALLED) ## Make the virtual environment and install everything
+	@:
 
 $(INSTALLED): pyproject.toml scripts/setup.sh
 	@scripts/setup.sh
