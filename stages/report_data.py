@@ -158,8 +158,7 @@ class _Sources:
             if manifests:
                 yield StageCost(
                     stage=name,
-                    computed=len(manifests),
-                    reused=0,
+                    artifacts=len(manifests),
                     seconds=sum(manifest.seconds for manifest in manifests),
                     megabytes=sum(entry.bytes for manifest in manifests for entry in manifest.files) / 1e6,
                 )

@@ -119,15 +119,13 @@ class StageCost:
 
     Attributes:
         stage: Its name.
-        computed: Times it ran.
-        reused: Times its artifact was found instead.
-        seconds: Wall time of the runs, also of those whose artifact was reused now.
+        artifacts: Artifacts it made.
+        seconds: Wall time of making them, in this run or in an earlier one.
         megabytes: Size of its artifacts.
     """
 
     stage: str
-    computed: int
-    reused: int
+    artifacts: int
     seconds: float
     megabytes: float
 

@@ -100,8 +100,7 @@ def _total(size: DatasetSize) -> float:
 def _sum_costs(costs: Sequence[StageCost]) -> StageCost:
     return StageCost(
         stage="together",
-        computed=sum(cost.computed for cost in costs),
-        reused=sum(cost.reused for cost in costs),
+        artifacts=sum(cost.artifacts for cost in costs),
         seconds=sum(cost.seconds for cost in costs),
         megabytes=sum(cost.megabytes for cost in costs),
     )

@@ -113,10 +113,10 @@ def report_data() -> ReportData:
         films=(film("A success"), film("A typical failure")),
         lineage=lineage(),
         costs=(
-            StageCost("ingest", 1, 0, 4.2, 18.5),
-            StageCost("augment", 1, 0, 61.0, 12.1),
-            StageCost("train", 2, 1, 1260.0, 14.9),
-            StageCost("evaluate", 2, 0, 181.0, 0.1),
+            StageCost("ingest", 1, 4.2, 18.5),
+            StageCost("augment", 1, 61.0, 12.1),
+            StageCost("train", 3, 1260.0, 14.9),
+            StageCost("evaluate", 2, 181.0, 0.1),
         ),
         next_steps=(
             NextStep("Watch a rollout", "juicer replay episodes/f1b2c3d4 --episode 4 --video rollout.mp4"),
