@@ -1,0 +1,160 @@
+"""Small skills that any assembly is composed of.
+
+A skill is a generator: it yields one command a control step, is sent what is seen after it, and returns the last
+thing seen. Commands depend on what is seen and hardly on how long a skill has run, for a policy that shall imitate
+them sees no more than that: a target is a bounded lead over the hand's present pose, as the deflection of a
+human's SpaceMouse gives it, and a skill ends where the scene shows that it is done.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, replace
+
+from juicer.teleoperation.pose import UP, Pose, Vector, length, shortened, turn_between, turned
+from juicer.teleoperation.scene import Scene
+
+OPEN, CLOSE = -1.0, 1.0
+STEP_S = 0.1
+
+# A target that leads the hand by 10 mm moves it by about 5 mm in a control step.
+_FOLLOWING = 0.5
+_STILL_FINGERS_M = 2e-4
+_STILL_M_S, _STILL_RAD_S = 0.006, 0.05
+
+
+@dataclass(frozen=True)
+class Command:
+    """What the operator does for one control step.
+
+    Attributes:
+        target: Where the end effector shall go.
+        gripper: +1 closes, -1 opens.
+        phase: What the operator is busy with.
+    """
+
+    target: Pose
+    gripper: float
+    phase: str
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How boldly the operator moves.
+
+    Attributes:
+        lead_m: Longest lead of the target over the hand; the hand makes about half of it in a step.
+        lead_rad: The same for rotation.
+        start_m: Lead at the beginning of a movement; it grows with the hand's speed.
+        start_rad: The same for rotation.
+        gain: Lead for a unit of distance to the goal; above one it overcomes the arm's lag near the goal.
+    """
+
+    lead_m: float
+    lead_rad: float
+    start_m: float = 0.008
+    start_rad: float = 0.10
+    gain: float = 1.5
+
+    def at_most(self, lead_m: float) -> Pace:
+        """The same pace with a shorter longest lead."""
+        return replace(self, lead_m=min(self.lead_m, lead_m), start_m=min(self.start_m, lead_m))
+
+
+Skill = Generator[Command, Scene, Scene]
+Goal = Callable[[Scene], Pose]
+Test = Callable[[Scene], bool]
+
+
+def towards(scene: Scene, goal: Pose, pace: Pace) -> Pose:
+    """Target that leads the hand towards a goal, translation and rotation arriving together."""
+    offset = goal.position - scene.hand.position
+    turn = turn_between(scene.hand.rotation, goal.rotation)
+    lead_m = min(pace.lead_m, pace.start_m + scene.speed * STEP_S / _FOLLOWING)
+    lead_rad = min(pace.lead_rad, pace.start_rad + scene.spin * STEP_S / _FOLLOWING)
+    steps = max(pace.gain * length(offset) / pace.lead_m, pace.gain * length(turn) / pace.lead_rad, 1.0)
+    share = pace.gain / steps
+    return Pose(
+        scene.hand.position + shortened(share * offset, lead_m),
+        turned(shortened(share * turn, lead_rad), scene.hand.rotation),
+    )
+
+
+def reach(scene: Scene, goal: Goal, gripper: float, pace: Pace, done: Test, phase: str) -> Skill:
+    """Lead the hand towards a goal that may move with the scene, until ``done``."""
+    while not done(scene):
+        scene = yield Command(towards(scene, goal(scene), pace), gripper, phase)
+    return scene
+
+
+def descend(scene: Scene, grasp: Goal, clearance_m: float, pace: Pace, phase: str) -> Skill:
+    """Come down on a grasp with the gripper open: the nearer and the better turned, the lower."""
+
+    def goal(scene: Scene) -> Pose:
+        pose = grasp(scene)
+        offset = pose.position - scene.hand.position
+        aside = math.hypot(offset[0], offset[1])
+        turn = length(turn_between(scene.hand.rotation, pose.rotation))
+        return above(pose, min(clearance_m, max(0.0, aside - 0.004) + 0.15 * max(0.0, turn - 0.05)))
+
+    return reach(scene, goal, OPEN, pace, near(grasp, 0.004, math.radians(3)), phase)
+
+
+def rise(scene: Scene, height_m: float, gripper: float, pace: Pace, phase: str) -> Skill:
+    """Go straight up to a height of the robot base frame."""
+
+    def goal(scene: Scene) -> Pose:
+        # Beyond the height, so that the hand does not slow down before it goes on to something else.
+        return above(scene.hand, height_m + 0.03 - float(scene.hand.position[2]))
+
+    return reach(scene, goal, gripper, pace, lambda scene: float(scene.hand.position[2]) > height_m, phase)
+
+
+def grip(scene: Scene, gripper: float, done: Test, phase: str, patience: int = 12) -> Skill:
+    """Open or close the gripper where the hand is, until ``done`` or the fingers no longer move."""
+    hold = scene.hand
+    for waited in range(patience):
+        width = scene.width
+        scene = yield Command(hold, gripper, phase)
+        if done(scene) or (waited >= 2 and abs(scene.width - width) < _STILL_FINGERS_M):
+            break
+    return scene
+
+
+class Stall:
+    """Test whether the hand has stood still for some steps: whatever it pushes will not give."""
+
+    def __init__(self, patience: int = 6) -> None:
+        """Ask for ``patience`` steps in a row."""
+        self._patience = patience
+        self._still = 0
+
+    def __call__(self, scene: Scene) -> bool:
+        """Look once a step."""
+        still = scene.speed < _STILL_M_S and scene.spin < _STILL_RAD_S
+        self._still = self._still + 1 if still else 0
+        return self._still >= self._patience
+
+
+def near(goal: Goal, tolerance_m: float, tolerance_rad: float) -> Test:
+    """Test whether the hand has come to a goal."""
+
+    def test(scene: Scene) -> bool:
+        pose = goal(scene)
+        return (
+            length(pose.position - scene.hand.position) < tolerance_m
+            and length(turn_between(scene.hand.rotation, pose.rotation)) < tolerance_rad
+        )
+
+    return test
+
+
+def holding(scene: Scene, part: Pose, goal: Pose) -> Pose:
+    """Goal of a hand that holds a part which shall come to a goal."""
+    return goal @ part.inverse() @ scene.hand
+
+
+def above(pose: Pose, distance: float, direction: Vector = UP) -> Pose:
+    """A pose moved along a direction, upwards if none is given."""
+    return Pose(pose.position + distance * direction, pose.rotation)
