@@ -22,7 +22,7 @@ from juicer.progress import Progress
 REFRESHES_PER_SECOND = 4
 PLAIN_SECONDS = 15.0
 BAR_WIDTH = 24
-_MARKS = {"done": ("✓", "green"), "reused": ("↺", "cyan"), "failed": ("✗", "red")}
+_MARKS = {"done": ("✓", "green"), "reused": ("↺", "cyan"), "failed": ("✗", "red"), "stopped": ("■", "yellow")}
 
 
 @dataclass
@@ -117,7 +117,7 @@ class Board:
                 self._expected.remove((stage, label))
             if state == "done" and line:
                 self._seconds.setdefault(stage, []).append(line.seconds)
-            self._finished += state != "failed"
+            self._finished += state in ("done", "reused")
             mark, colour = _MARKS[state]
             took = f"{_duration(line.seconds):>8}" if line else f"{state:>8}"
             text = f"{_clock()}  {mark} {stage:9} {label:24} {took}  {headline(summary)}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -180,6 +181,8 @@ def serve() -> None:
 
 def main() -> None:
     """Entry point: 0 on success, 1 after an error, 2 after a wrong call, 130 after Ctrl-C."""
+    # A shell that starts a command in the background has it ignore the interrupt.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.exit(call(sys.argv[1:]))
 
 

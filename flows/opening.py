@@ -13,7 +13,7 @@ from flows.settings import Settings
 from flows.tracked import Tracking
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from stages.session import Session, perform_here
+from stages.session import Session, StageInterrupted, perform_here
 from stages.stage import StageCall
 from stages.tracking.courier import Courier, Destination
 
@@ -77,10 +77,14 @@ def opened(
         courier = Courier(settings.folder / "tracking", destination(settings), store, board.say)
         tracking = Tracking(settings.folder / "tracking", config)
         courier.start()
+        patience = DELIVERY_SECONDS
         try:
             yield Opened(session, board, tracking)
+        except (KeyboardInterrupt, StageInterrupted):
+            patience = 0.0
+            raise
         finally:
-            if not courier.finish(DELIVERY_SECONDS):
+            if not courier.finish(patience) and patience:
                 board.say("MLflow has not taken all records yet; the next run delivers the rest")
 
 

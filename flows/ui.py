@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from flows.commands.output import say, say_json
@@ -51,7 +51,7 @@ def serve_pages(prefect_port: int | None, mlflow_port: int | None, as_json: bool
     if not as_json:
         say("starting Prefect's and MLflow's servers ...")
     initialise(settings.folder / "tracking", destination(settings))
-    signal.signal(signal.SIGTERM, _interrupt)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     logs = settings.folder / "logs-of-servers"
     logs.mkdir(parents=True, exist_ok=True)
     with (
@@ -60,7 +60,7 @@ def serve_pages(prefect_port: int | None, mlflow_port: int | None, as_json: bool
     ):
         servers = {"Prefect": prefect, "MLflow": mlflow}
         _await(settings, servers, lambda: is_prefect_healthy(services) and is_mlflow_healthy(services), logs)
-        with announced(settings.folder, services):
+        with announced(settings.folder, services), suppress(KeyboardInterrupt):
             _say(services, as_json)
             while not _ended(servers):
                 time.sleep(POLL_SECONDS)
@@ -155,7 +155,3 @@ def _say(services: Services, as_json: bool) -> None:
     say(f"Prefect  {services.prefect}")
     say(f"MLflow   {services.mlflow}/#/experiments")
     say("flows that start now are shown there; Ctrl-C ends both")
-
-
-def _interrupt(number: int, frame: object) -> None:
-    raise KeyboardInterrupt

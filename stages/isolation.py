@@ -13,12 +13,14 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import threading
 import time
 import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -93,12 +95,14 @@ def run_isolated(work: Work, progress: Progress, metrics: MetricSink, stop: thre
         process.join(FAREWELL_SECONDS)
         return summary
     except EOFError:
+        # An interrupt may reach the new process before it has learned to leave that to its parent.
+        if stop.wait(POLL_SECONDS):
+            raise StageInterrupted from None
         process.join()
         raise StageDied(_obituary(work.name, process.exitcode)) from None
     finally:
+        _end(process)
         guard.close()
-        process.kill()
-        process.join()
         receiving.close()
 
 
@@ -125,6 +129,14 @@ def _listen(
             return summary
 
 
+def _end(process: BaseProcess) -> None:
+    """End a process that may still be at work, gently if it lets itself."""
+    process.terminate()
+    process.join(FAREWELL_SECONDS)
+    process.kill()
+    process.join()
+
+
 def _obituary(name: str, status: int | None) -> str:
     if status is not None and status < 0:
         cause = signal.Signals(-status).name
@@ -140,6 +152,7 @@ def _nothing() -> None:
 def _work(work: Work, sending: Connection, guarded: Connection) -> None:
     # An interrupt from the keyboard reaches every process; only the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))
     threading.Thread(target=_end_with_parent, args=(guarded,), daemon=True).start()
     voice = _Voice(sending)
     for name in _LOGGERS:

@@ -54,7 +54,7 @@ class Display(Protocol):
         ...
 
     def finished(self, stage: str, label: str, state: str, summary: Mapping[str, Any]) -> None:
-        """A stage is over: ``done``, ``reused`` or ``failed``."""
+        """A stage is over: ``done``, ``reused``, ``failed`` or ``stopped``."""
         ...
 
 

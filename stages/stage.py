@@ -172,7 +172,8 @@ class StageCall:
                 if not draft.adopted:
                     self._fill(session, draft)
         except BaseException as error:
-            session.display.finished(stage, label, "failed", {"reason": str(error)})
+            state = "stopped" if isinstance(error, StageInterrupted) else "failed"
+            session.display.finished(stage, label, state, {"reason": str(error)})
             raise
         return self._finish(session, Finished(draft.ref, reused=draft.adopted))
 

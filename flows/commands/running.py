@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import typer
+
 from flows.commands.output import say, say_json, say_table
 from flows.conditions import Condition
-from flows.environment import prepare_environment, prepare_machine
+from flows.environment import API_VARIABLE, prepare_environment, prepare_machine
 from flows.settings import Settings, read_settings
+from flows.temporary_server import TemporaryServer
 from juicer.errors import ConfigError, did_you_mean
+from stages.isolation import warm_up
 
 if TYPE_CHECKING:
     from flows.config import RunConfig
@@ -29,6 +34,8 @@ def run_flow(path: Path, overrides: Sequence[str], as_json: bool) -> None:
     store = open_store(settings)
     outcome = None if has_server else _reuse_everything(settings, config)
     if outcome is None:
+        if not has_server:
+            start_server(settings)
         outcome = _run_in_prefect(config)
     if as_json:
         say_json(outcome.to_json(store))
@@ -48,10 +55,16 @@ def _reuse_everything(settings: Settings, config: RunConfig) -> RunOutcome | Non
         return execute(surroundings.session, config, surroundings.tracking)
 
 
-def _run_in_prefect(config: RunConfig) -> RunOutcome:
-    from stages.isolation import warm_up
-
+def start_server(settings: Settings) -> None:
+    """Start a Prefect server for this run, and point Prefect to it."""
+    typer.echo("starting a Prefect server for this run ...", err=True)
+    server = TemporaryServer()
+    os.environ[API_VARIABLE] = server.api_url
     warm_up()
+    server.wait(settings.startup_seconds)
+
+
+def _run_in_prefect(config: RunConfig) -> RunOutcome:
     from flows.collect_infer import collect_infer
     from flows.config import StudyConfig
     from flows.study import study
@@ -69,15 +82,16 @@ def run_stage(
     as_json: bool,
 ) -> None:
     """``juicer stage``."""
-    prepare_environment(read_settings())
+    settings = read_settings()
+    has_server = prepare_environment(settings)
     from flows.config import load_run
     from stages.catalog import find_stage
-    from stages.isolation import warm_up
 
     find_stage(name)
     config = load_run(path, overrides)
     chosen = _condition(condition)
-    warm_up()
+    if not has_server:
+        start_server(settings)
     from flows.single_stage import single_stage
 
     refs = single_stage(name, config, chosen, seed, force)

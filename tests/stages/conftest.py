@@ -1,0 +1,146 @@
+"""Toy stages in a package of their own on the disk, so that identity, processes and failures can be tried out."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from juicer.artifacts import code_version
+from juicer.artifacts.store import ArtifactStore
+from stages.session import Session
+
+TOYS = '''
+"""Stages that do next to nothing."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+from juicer.artifacts.ref import ArtifactRef
+from juicer.config import StrictConfig
+from juicer.errors import NothingLeft
+from stages.stage import StageContext, stage
+
+
+class ToyConfig(StrictConfig):
+    words: int = 1
+
+
+@stage(kind="episodes", libraries=("numpy",))
+def write(context: StageContext, *, config: ToyConfig) -> None:
+    """Write some words."""
+    text = "word " * config.words
+    (context.draft.path / "words.txt").write_text(text)
+    context.progress(config.words, config.words, mood="good")
+    context.metrics.log({"length": float(len(text))}, 1)
+    context.draft.summary["words"] = config.words
+    context.draft.summary["process"] = os.getpid()
+
+
+@stage(kind="annotations", inputs={"episodes": "episodes"})
+def count(
+    context: StageContext, *, episodes: tuple[ArtifactRef, ...], notes: tuple[Path, ...] = (), config: ToyConfig
+) -> None:
+    """Count the words."""
+    total = sum(len((context.store.open(ref) / "words.txt").read_text().split()) for ref in episodes)
+    (context.draft.path / "count.txt").write_text(str(total))
+    context.draft.summary["total"] = total
+
+
+@stage(kind="episodes")
+def fail(context: StageContext, *, config: ToyConfig) -> None:
+    """Find nothing."""
+    (context.draft.path / "half.txt").write_text("half")
+    raise NothingLeft("there is nothing to work on")
+
+
+@stage(kind="episodes")
+def crash(context: StageContext, *, config: ToyConfig) -> None:
+    """Raise what cannot be pickled."""
+    error = ValueError("odd")
+    error.handle = lambda: None
+    raise error
+
+
+@stage(kind="episodes")
+def die(context: StageContext, *, config: ToyConfig) -> None:
+    """End without a word."""
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+@stage(kind="episodes")
+def dawdle(context: StageContext, *, config: ToyConfig) -> None:
+    """Take very long."""
+    (context.draft.scratch / "pid").write_text(str(os.getpid()))
+    for done in range(600):
+        time.sleep(0.1)
+        context.progress(done, 600)
+'''
+
+
+@pytest.fixture(scope="session")
+def toys(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ModuleType]:
+    """Module with the toy stages."""
+    folder = tmp_path_factory.mktemp("source")
+    (folder / "toys").mkdir()
+    (folder / "toys" / "__init__.py").write_text('"""Toys."""\n')
+    (folder / "toys" / "simple.py").write_text(TOYS)
+    sys.path.insert(0, str(folder))
+    patch = pytest.MonkeyPatch()
+    patch.setattr(code_version, "FIRST_PARTY", (*code_version.FIRST_PARTY, "toys"))
+    code_version._installed.cache_clear()
+    yield importlib.import_module("toys.simple")
+    patch.undo()
+    code_version._installed.cache_clear()
+    sys.path.remove(str(folder))
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> ArtifactStore:
+    """An empty store."""
+    return ArtifactStore(tmp_path / "store")
+
+
+@pytest.fixture
+def session(store: ArtifactStore) -> Session:
+    """A session that runs stages at once, in this process."""
+    return Session(store)
+
+
+class Diary:
+    """Display and record that remember what they were told."""
+
+    def __init__(self):
+        self.states, self.progress, self.curves, self.refs = [], [], [], []
+
+    def started(self, stage, label):
+        return lambda done, total, **facts: self.progress.append((done, total, facts))
+
+    def finished(self, stage, label, state, summary):
+        self.states.append((stage, state))
+
+    def metrics(self, stage):
+        return self
+
+    def log(self, metrics, step):
+        self.curves.append((step, metrics))
+
+    def made(self, ref, stage):
+        self.refs.append(ref)
+
+    def for_round(self, turn):
+        return self
+
+
+@pytest.fixture
+def diary() -> Diary:
+    """A listener to everything a session tells."""
+    return Diary()
