@@ -29,6 +29,7 @@ from juicer.reporting.content import (
 )
 from juicer.storage.curves import read_curves
 from juicer.storage.tables import read_evaluation
+from juicer.tasks.registry import get_task
 
 _ORDER = ("record", "ingest", "annotate", "augment", "train", "collect", "select", "evaluate")
 _CURVES = {"train/loss": "training", "validation/loss": "validation"}
@@ -111,12 +112,10 @@ class _Sources:
         return facts
 
     def funnels(self) -> Iterator[Funnel]:
-        """Milestones of every condition, all its models together."""
+        """Milestones of every condition in the task's order, all its models together."""
         for condition, manifests in self._by_condition():
-            reached: dict[str, int] = {}
-            for manifest in manifests:
-                for name, count in manifest.summary["milestones"].items():
-                    reached[name] = reached.get(name, 0) + count
+            milestones = get_task(manifests[0].recipe.config["task"]).milestones
+            reached = {name: sum(manifest.summary["milestones"][name] for manifest in manifests) for name in milestones}
             yield Funnel(condition, sum(manifest.summary["episodes"] for manifest in manifests), reached)
 
     def curves(self) -> Iterator[TrainingCurve]:

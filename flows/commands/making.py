@@ -14,6 +14,7 @@ from flows.repair import repair
 from flows.settings import read_settings
 from juicer.config import parse_config
 from juicer.errors import ConfigError, WrongArtifactKind
+from juicer.tasks.registry import get_task
 
 if TYPE_CHECKING:
     from juicer.artifacts.ref import ArtifactRef
@@ -51,8 +52,8 @@ def evaluate_checkpoint(text: str, episodes: int, seed_start: int, randomness: s
         f"{summary['success_rate']:.0%} of {summary['episodes']} episodes succeed "
         f"(95 % interval {low:.0%} to {high:.0%}); {evaluation}"
     )
-    for name, count in summary["milestones"].items():
-        say(f"  {name.replace('_', ' '):16} {count}")
+    for name in get_task(task).milestones:
+        say(f"  {name.replace('_', ' '):16} {summary['milestones'][name]}")
 
 
 def repair_artifact(text: str, files: Path | None, as_json: bool) -> None:
