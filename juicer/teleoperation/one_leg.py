@@ -39,7 +39,9 @@ _STROKE_SINK_M = 0.005
 
 # Heights of the leg above its seat: the peg's tip is over the rim, over the hole's mouth, inside it, on the beads.
 _OVER_TOP_M, _OVER_HOLE_M, _IN_MOUTH_M, _ON_BEADS_M = 0.061, 0.031, 0.024, 0.018
-_ALIGNED_M = 0.002
+_SINK_M = 0.020
+_ALIGNED_M = 0.003
+_CAUGHT_M, _CAUGHT_RAD = 0.006, math.radians(7)
 _UPRIGHT_RAD = math.radians(12)
 _CLEAR_OF_LEG_M = 0.06
 
@@ -218,11 +220,14 @@ class OneLegOperator:
     def _lowering(self, scene: Scene) -> Pose:
         """Hand that holds the leg over its hole: the better aligned, the lower."""
         seat = self.view.seat(scene)
-        error = seat.aside_m + 0.05 * seat.lean_rad
-        if error < _ALIGNED_M or seat.height_m < _IN_MOUTH_M:
-            height = seat.height_m - 0.02
+        if seat.height_m < _IN_MOUTH_M and seat.aside_m < _CAUGHT_M and seat.lean_rad < _CAUGHT_RAD:
+            sink = 1.0
         else:
-            height = min(_OVER_HOLE_M + 4 * (error - _ALIGNED_M), _OVER_TOP_M)
+            # Wide high up and narrow at the hole's mouth, like a funnel.
+            tolerance = _ALIGNED_M + 0.25 * max(0.0, seat.height_m - _OVER_HOLE_M)
+            error = seat.aside_m + 0.05 * seat.lean_rad
+            sink = min(max(2.0 * (1.0 - error / tolerance), -1.0), 1.0)
+        height = min(seat.height_m - _SINK_M * sink, _OVER_TOP_M)
         goal = Pose(self.view.seat_point(scene, height), self.view.upright(scene))
         return holding(scene, self.view.leg(scene), goal)
 
