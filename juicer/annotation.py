@@ -30,10 +30,10 @@ from juicer.sim.pool import EnvironmentPool
 from juicer.storage.tables import Annotation
 from juicer.tasks.registry import get_task
 
-# In a clean insertion a held part turns, settles after its release, and takes time up to the first value;
-# at the second the proposal is worthless.
+# In a clean insertion a held part turns, moves once it is released, and takes time up to the first value;
+# at the second the proposal is worthless. A released part may lean: that is no fault.
 _TURN_DEG = (8.0, 30.0)
-_SETTLING_M = (0.004, 0.02)
+_SETTLING_M = (0.015, 0.03)
 _DURATION_STEPS = (60.0, 240.0)
 _SETTLING_STEPS = 10
 
@@ -44,7 +44,7 @@ class AnnotationConfig(StrictConfig):
     neighbourhood_m: float = Field(
         default=0.04, gt=0, description="distance from its assembled position within which a part arrives"
     )
-    clearance_m: float = Field(default=0.003, gt=0, description="parts that are closer are about to touch")
+    clearance_m: float = Field(default=0.006, gt=0, description="parts that are closer are about to touch")
 
 
 class DemonstrationReader(Protocol):

@@ -199,7 +199,7 @@ def attempt_snippet(
     departure = plan_departure(reference.pose, kind, config.departures[kind], rng)
     result = execute(env, reference, departure)
     if isinstance(result, Episode):
-        reason = deviation_from_reference(result, reference, config.tolerance)
+        reason = deviation_from_reference(result, reference, config)
         if reason is None and not reproduces(env, result):
             reason = RejectionReason.NOT_REPRODUCED
         if reason is None:

@@ -28,8 +28,8 @@ class DepartureConfig(StrictConfig):
     distance_m: Range = Field(description="length of the move into the cone")
     polar_deg: Range = Field(description="angle of that move from the vertical; 90 is sideways")
     rotation_deg: float = Field(ge=0, le=180, description="bound of roll, pitch and yaw about the gripper's axes")
-    descent: Range = Field(
-        default=(0.0, 0.0), description="share of the lift undone at the end; above 1, what is held presses down"
+    descent_m: Range = Field(
+        default=(0.0, 0.0), description="straight down, after everything else; what is held may come to press"
     )
     step_m: Range = Field(description="travel an action, drawn once a snippet")
     step_deg: Range = Field(description="turn an action, drawn once a snippet")
@@ -46,11 +46,11 @@ NEAR = DepartureConfig(
 """Millimetres beside and above the goal: what a policy meets when it aims a little wrong."""
 
 BESIDE = DepartureConfig(
-    lift_m=(0.004, 0.01),
+    lift_m=(0.002, 0.008),
     distance_m=(0.002, 0.012),
     polar_deg=(85.0, 90.0),
     rotation_deg=3.0,
-    descent=(0.8, 1.5),
+    descent_m=(0.008, 0.022),
     step_m=(0.002, 0.004),
     step_deg=(2.0, 4.0),
 )
@@ -78,9 +78,9 @@ PAPER = DepartureConfig(
 
 
 class ToleranceConfig(StrictConfig):
-    """How close the end of a snippet must come to the demonstration (paper: 17 mm, 20 degrees, 5 mm)."""
+    """How close a snippet must come to the demonstration; the defaults are the paper's."""
 
-    position_m: float = Field(default=0.006, gt=0, description="largest distance of a part from where it was")
+    position_m: float = Field(default=0.017, gt=0, description="largest distance of a part from where it was")
     rotation_deg: float = Field(default=20.0, gt=0, description="largest turn of a part from how it was")
     gripper_width_m: float = Field(default=0.005, gt=0, description="largest difference of the gripper's opening")
 
@@ -92,15 +92,18 @@ class AugmentationConfig(StrictConfig):
     max_attempts_per_snippet: int = Field(default=4, gt=0, description="attempts after which to settle for less")
     departures: dict[str, DepartureConfig] = Field(default={"near": NEAR, "beside": BESIDE, "far": FAR}, min_length=1)
     steps_after_gripper_change: int = Field(
-        default=5, gt=0, description="where a snippet ends and is checked, after the next gripper change (paper 30)"
+        default=5, gt=0, description="where a snippet ends, after the next gripper change (paper 30)"
     )
-    tolerance: ToleranceConfig = ToleranceConfig()
+    tolerance: ToleranceConfig = Field(
+        default=ToleranceConfig(position_m=0.006), description="at the next gripper change, before anything is let go"
+    )
+    end_tolerance: ToleranceConfig = Field(default=ToleranceConfig(), description="at the end of the snippet")
     min_confidence: float = Field(default=0.5, ge=0, le=1, description="proposals below it are not used")
 
 
 PAPER_AUGMENTATION = AugmentationConfig(
     departures={"paper": PAPER},
     steps_after_gripper_change=30,
-    tolerance=ToleranceConfig(position_m=0.017),
+    tolerance=ToleranceConfig(),
 )
-"""Ranges and tolerances of the paper."""
+"""Ranges and tolerances of the paper (which checks at the end only)."""

@@ -59,7 +59,7 @@ def plan_departure(
     )
     roll, pitch, yaw = np.radians(rng.uniform(-config.rotation_deg, config.rotation_deg, size=3))
     turn = matrix_to_rotvec(axis_rotation("z", yaw) @ axis_rotation("y", pitch) @ axis_rotation("x", roll))
-    down = -rng.uniform(*config.descent) * up
+    down = np.array([0.0, 0.0, -rng.uniform(*config.descent_m)])
     step_m, step_rad = rng.uniform(*config.step_m), math.radians(rng.uniform(*config.step_deg))
 
     lifted = position + up

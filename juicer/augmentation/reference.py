@@ -7,8 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from juicer.episode import STATE_KEY, Episode
+from juicer.episode import OBSERVATION_KEYS, STATE_KEY, Episode
 from juicer.gripper import gripper_commands, next_gripper_change
+
+GRIPPER_WIDTH = 15
+"""Index of the gripper's opening in proprioception."""
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """What the demonstration showed at a step.
+
+    Attributes:
+        remaining: Actions of the reference that follow it.
+        part_poses: Part poses ``(7 * parts,)``.
+        gripper_width_m: Opening of the gripper.
+    """
+
+    remaining: int
+    part_poses: NDArray[np.float32]
+    gripper_width_m: float
 
 
 @dataclass(frozen=True)
@@ -24,9 +42,9 @@ class Reference:
         state: Simulator state at the critical state.
         pose: End-effector pose there ``(9,)``.
         gripper: What the gripper is commanded there: +1 close, -1 open.
-        actions: The demonstration's actions from there to the check ``(T, 10)``.
-        part_poses: Part poses at the check ``(7 * parts,)``.
-        gripper_width_m: Opening of the gripper at the check.
+        actions: The demonstration's actions from there to the end ``(T, 10)``.
+        change: What a snippet must show when the gripper's command changes.
+        end: What it must show after all actions.
     """
 
     parent: str
@@ -38,8 +56,8 @@ class Reference:
     pose: NDArray[np.float32]
     gripper: float
     actions: NDArray[np.float32]
-    part_poses: NDArray[np.float32]
-    gripper_width_m: float
+    change: Checkpoint
+    end: Checkpoint
 
 
 def reference_of(
@@ -59,8 +77,17 @@ def reference_of(
     steps, record = demonstration.steps, demonstration.record
     actions = np.asarray(steps["action"], dtype=np.float32)
     change = next_gripper_change(actions, step)
-    end = len(actions) if change is None else min(change + steps_after_gripper_change, len(actions))
-    last = {name: steps[name][end] if end < len(actions) else demonstration.final[name] for name in demonstration.final}
+    change = len(actions) if change is None else change
+    end = min(change + steps_after_gripper_change, len(actions))
+
+    def checkpoint(index: int) -> Checkpoint:
+        shown = {name: steps[name][index] for name in OBSERVATION_KEYS} if index < len(actions) else demonstration.final
+        return Checkpoint(
+            remaining=end - index,
+            part_poses=np.array(shown["part_poses"], dtype=np.float32),
+            gripper_width_m=float(shown["proprioception"][GRIPPER_WIDTH]),
+        )
+
     return Reference(
         parent=parent,
         task=record.task,
@@ -71,6 +98,6 @@ def reference_of(
         pose=np.array(steps["proprioception"][step][:9], dtype=np.float32),
         gripper=float(gripper_commands(actions)[step]),
         actions=actions[step:end].copy(),
-        part_poses=np.array(last["part_poses"], dtype=np.float32),
-        gripper_width_m=float(last["proprioception"][15]),
+        change=checkpoint(change),
+        end=checkpoint(end),
     )

@@ -7,9 +7,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from juicer.augmentation.config import ToleranceConfig
-from juicer.augmentation.reference import Reference
-from juicer.episode import Episode, Outcome
+from juicer.augmentation.config import AugmentationConfig, ToleranceConfig
+from juicer.augmentation.reference import GRIPPER_WIDTH, Checkpoint, Reference
+from juicer.episode import OBSERVATION_KEYS, Episode, Outcome
 from juicer.geometry import quat_to_matrix, rotation_angle
 
 
@@ -31,20 +31,34 @@ def outcome_rejection(outcome: Outcome) -> RejectionReason:
 
 
 def deviation_from_reference(
-    snippet: Episode, reference: Reference, tolerance: ToleranceConfig
+    snippet: Episode, reference: Reference, config: AugmentationConfig
 ) -> RejectionReason | None:
-    """First way in which a snippet's end differs too much from the demonstration's; None if it matches.
+    """First way in which a snippet differs too much from its demonstration; None if it matches.
 
-    Every part counts, also those that should only have stayed where they were.
+    Compared twice: when the gripper's command changes, which shows the assembly itself, and at the end, which shows
+    that it lasts. What is let go may lean this way or that, so the end is judged less strictly.
+
+    Args:
+        snippet: An episode whose last actions are the reference's.
+        reference: What the demonstration did.
+        config: How much difference is too much.
     """
-    poses = np.asarray(snippet.final["part_poses"], dtype=np.float64).reshape(-1, 7)
-    wanted = np.asarray(reference.part_poses, dtype=np.float64).reshape(-1, 7)
-    if np.max(np.linalg.norm(poses[:, :3] - wanted[:, :3], axis=1)) > tolerance.position_m:
+    checks = ((reference.change, config.tolerance), (reference.end, config.end_tolerance))
+    return next((reason for check in checks if (reason := _deviation(snippet, *check)) is not None), None)
+
+
+def _deviation(snippet: Episode, wanted: Checkpoint, tolerance: ToleranceConfig) -> RejectionReason | None:
+    """Every part counts, also those that should only have stayed where they were."""
+    at = len(snippet) - wanted.remaining
+    shown = {name: snippet.steps[name][at] for name in OBSERVATION_KEYS} if wanted.remaining else snippet.final
+    poses = np.asarray(shown["part_poses"], dtype=np.float64).reshape(-1, 7)
+    wanted_poses = np.asarray(wanted.part_poses, dtype=np.float64).reshape(-1, 7)
+    if np.max(np.linalg.norm(poses[:, :3] - wanted_poses[:, :3], axis=1)) > tolerance.position_m:
         return RejectionReason.PART_POSITION
-    turned = rotation_angle(quat_to_matrix(wanted[:, 3:]), quat_to_matrix(poses[:, 3:]))
+    turned = rotation_angle(quat_to_matrix(wanted_poses[:, 3:]), quat_to_matrix(poses[:, 3:]))
     if np.max(turned) > math.radians(tolerance.rotation_deg):
         return RejectionReason.PART_ROTATION
-    width = float(snippet.final["proprioception"][15])
-    if abs(width - reference.gripper_width_m) > tolerance.gripper_width_m:
+    width = float(shown["proprioception"][GRIPPER_WIDTH])
+    if abs(width - wanted.gripper_width_m) > tolerance.gripper_width_m:
         return RejectionReason.GRIPPER_WIDTH
     return None

@@ -31,7 +31,6 @@ def test_the_papers_numbers_are_the_papers():
     assert departure.distance_m == (0.2, 0.5)
     assert departure.polar_deg == (5.0, 80.0)
     assert departure.rotation_deg == 180.0
-    assert PAPER_AUGMENTATION.tolerance.position_m == 0.017
-    assert PAPER_AUGMENTATION.tolerance.rotation_deg == 20.0
-    assert PAPER_AUGMENTATION.tolerance.gripper_width_m == 0.005
+    for tolerance in (PAPER_AUGMENTATION.tolerance, PAPER_AUGMENTATION.end_tolerance):
+        assert (tolerance.position_m, tolerance.rotation_deg, tolerance.gripper_width_m) == (0.017, 20.0, 0.005)
     assert PAPER_AUGMENTATION.steps_after_gripper_change == 30

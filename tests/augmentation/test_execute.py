@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from juicer.augmentation.config import FAR, NEAR, ToleranceConfig
+from juicer.augmentation.config import FAR, NEAR, AugmentationConfig
 from juicer.augmentation.execute import execute, reproduces
 from juicer.augmentation.plan import Departure, plan_departure
 from juicer.augmentation.reference import Reference
@@ -24,7 +24,7 @@ def departure(reference: Reference, seed: int = 0) -> Departure:
 def test_without_a_departure_the_demonstration_itself_is_replayed_exactly(env: AssemblyEnv, reference: Reference):
     snippet = execute(env, reference, AT_ONCE)
     assert isinstance(snippet, Episode)
-    np.testing.assert_array_equal(snippet.final["part_poses"], reference.part_poses)
+    np.testing.assert_array_equal(snippet.final["part_poses"], reference.end.part_poses)
 
 
 def test_a_snippet_returns_to_the_critical_pose_and_joins_the_demonstration(env: AssemblyEnv, reference: Reference):
@@ -38,7 +38,7 @@ def test_a_snippet_returns_to_the_critical_pose_and_joins_the_demonstration(env:
     reached = snippet.steps["proprioception"][back, :3]
     assert np.linalg.norm(reached - reference.pose[:3]) < 0.01
     assert np.linalg.norm(snippet.steps["proprioception"][0, :3] - reference.pose[:3]) > 0.02
-    assert deviation_from_reference(snippet, reference, ToleranceConfig()) is None
+    assert deviation_from_reference(snippet, reference, AugmentationConfig()) is None
 
 
 def test_a_snippet_says_where_it_comes_from(env: AssemblyEnv, reference: Reference):

@@ -54,9 +54,11 @@ def test_it_turns_on_the_spot():
     np.testing.assert_allclose(np.diff(targets[:, :3], axis=0)[turning], 0, atol=1e-12)
 
 
-def test_a_descent_of_one_undoes_the_lift():
-    config = BESIDE.model_copy(update={"descent": (1.0, 1.0), "polar_deg": (90.0, 90.0)})
-    assert path(config)[-1, 2] == pytest.approx(START[2])
+def test_it_descends_at_the_end():
+    config = BESIDE.model_copy(update={"lift_m": (0.01, 0.01), "descent_m": (0.015, 0.015), "polar_deg": (90.0, 90.0)})
+    poses = path(config)
+    assert poses[-1, 2] == pytest.approx(START[2] - 0.005)
+    assert poses[:, 2].max() == pytest.approx(START[2] + 0.01)
 
 
 def test_nothing_to_do_is_no_departure():

@@ -18,7 +18,9 @@ def test_a_reference_runs_until_some_steps_after_the_next_gripper_change(episode
     demonstration = with_gripper(episode_factory(20, seed=4), [1.0] * 8 + [-1.0] * 12)
     reference = reference_of(demonstration, "0123/6", 3, 0, steps_after_gripper_change=5)
     np.testing.assert_array_equal(reference.actions, demonstration.steps["action"][3:13])
-    np.testing.assert_array_equal(reference.part_poses, demonstration.steps["part_poses"][13])
+    np.testing.assert_array_equal(reference.change.part_poses, demonstration.steps["part_poses"][8])
+    np.testing.assert_array_equal(reference.end.part_poses, demonstration.steps["part_poses"][13])
+    assert (reference.change.remaining, reference.end.remaining) == (5, 0)
     np.testing.assert_array_equal(reference.state, demonstration.steps[STATE_KEY][3])
     np.testing.assert_array_equal(reference.pose, demonstration.steps["proprioception"][3, :9])
     assert reference.gripper == 1.0
@@ -30,7 +32,8 @@ def test_a_reference_ends_with_its_demonstration(episode_factory: Callable[..., 
         demonstration = with_gripper(episode_factory(20), commands)
         reference = reference_of(demonstration, "0123/6", 3, 0, steps_after_gripper_change=5)
         assert len(reference.actions) == 17
-        np.testing.assert_array_equal(reference.part_poses, demonstration.final["part_poses"])
+        np.testing.assert_array_equal(reference.end.part_poses, demonstration.final["part_poses"])
+        assert reference.end.remaining == 0
 
 
 def test_a_command_that_keeps_the_gripper_is_spelt_out(episode_factory: Callable[..., Episode]):

@@ -1,39 +1,56 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from juicer.augmentation.config import ToleranceConfig
+from juicer.augmentation.config import AugmentationConfig
 from juicer.augmentation.reference import Reference
 from juicer.augmentation.verify import RejectionReason, deviation_from_reference, outcome_rejection
 from juicer.episode import Episode, Outcome
 from juicer.geometry import axis_rotation, matrix_to_quat, quat_multiply
 
-TOLERANCE = ToleranceConfig()
+CONFIG = AugmentationConfig()
+CRITICAL_STEP = 16
 
 
 @pytest.fixture
 def snippet(insertions: list[Episode], reference: Reference) -> Episode:
-    """Ends exactly like the reference."""
-    final = dict(insertions[0].final)
-    final["part_poses"] = reference.part_poses.copy()
-    final["proprioception"] = final["proprioception"].copy()
-    final["proprioception"][15] = reference.gripper_width_m
-    return replace(insertions[0], final=final)
+    """A copy of the reference's own demonstration from the critical state to the end of the reference."""
+    end = CRITICAL_STEP + len(reference.actions)
+    demonstration = insertions[0]
+    return Episode(
+        demonstration.record,
+        {name: values[CRITICAL_STEP:end].copy() for name, values in demonstration.steps.items()},
+        {name: demonstration.steps[name][end].copy() for name in demonstration.final},
+    )
 
 
-def test_the_same_end_matches(snippet: Episode, reference: Reference):
-    assert deviation_from_reference(snippet, reference, TOLERANCE) is None
+@pytest.fixture
+def change(snippet: Episode, reference: Reference) -> int:
+    """Step of the snippet at which the gripper's command changes."""
+    return len(snippet) - reference.change.remaining
+
+
+def test_the_demonstration_itself_matches(snippet: Episode, reference: Reference, change: int):
+    assert deviation_from_reference(snippet, reference, CONFIG) is None
+    assert snippet.steps["action"][change - 1, 9] > 0 > snippet.steps["action"][change, 9]
 
 
 @pytest.mark.parametrize("part", range(5))
-def test_every_part_must_be_where_it_was(snippet: Episode, reference: Reference, part: int):
-    snippet.final["part_poses"][7 * part + 1] += 0.005
-    assert deviation_from_reference(snippet, reference, TOLERANCE) is None
-    snippet.final["part_poses"][7 * part + 1] += 0.002
-    assert deviation_from_reference(snippet, reference, TOLERANCE) is RejectionReason.PART_POSITION
+def test_every_part_must_be_where_it_was_when_the_gripper_changes(
+    snippet: Episode, reference: Reference, change: int, part: int
+):
+    snippet.steps["part_poses"][change, 7 * part + 1] += 0.005
+    assert deviation_from_reference(snippet, reference, CONFIG) is None
+    snippet.steps["part_poses"][change, 7 * part + 1] += 0.002
+    assert deviation_from_reference(snippet, reference, CONFIG) is RejectionReason.PART_POSITION
+
+
+def test_what_was_let_go_may_lean_at_the_end(snippet: Episode, reference: Reference):
+    snippet.final["part_poses"][28] += 0.012
+    assert deviation_from_reference(snippet, reference, CONFIG) is None
+    snippet.final["part_poses"][28] += 0.006
+    assert deviation_from_reference(snippet, reference, CONFIG) is RejectionReason.PART_POSITION
 
 
 @pytest.mark.parametrize(("angle_deg", "reason"), [(18, None), (22, RejectionReason.PART_ROTATION)])
@@ -42,12 +59,12 @@ def test_a_part_must_not_have_turned(
 ):
     turn = matrix_to_quat(axis_rotation("z", np.radians(angle_deg)))
     snippet.final["part_poses"][31:35] = quat_multiply(turn, snippet.final["part_poses"][31:35])
-    assert deviation_from_reference(snippet, reference, TOLERANCE) is reason
+    assert deviation_from_reference(snippet, reference, CONFIG) is reason
 
 
 def test_the_gripper_must_be_as_open_as_it_was(snippet: Episode, reference: Reference):
     snippet.final["proprioception"][15] -= 0.006
-    assert deviation_from_reference(snippet, reference, TOLERANCE) is RejectionReason.GRIPPER_WIDTH
+    assert deviation_from_reference(snippet, reference, CONFIG) is RejectionReason.GRIPPER_WIDTH
 
 
 def test_an_early_end_is_a_reason():
