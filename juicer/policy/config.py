@@ -132,6 +132,11 @@ class PolicyConfig(StrictConfig):
         default="absolute",
         description="actions as targets in the robot base frame, or relative to the current end effector",
     )
+    action_limits: Literal["per_dimension", "per_step"] = Field(
+        default="per_dimension",
+        description="whether all steps of a chunk share their normalisation limits, as in the original, or each step "
+        "has its own: relative to the gripper the first steps move little, and a shared scale hides their detail",
+    )
     observation: StateObservationConfig = StateObservationConfig()
     head: Annotated[DiffusionConfig | MLPConfig, Field(discriminator="kind")] = DiffusionConfig()
 

@@ -29,7 +29,7 @@ class ObservationEncoder(nn.Module, ABC):
 
     @abstractmethod
     def fit(self, observations: Mapping[str, Tensor]) -> None:
-        """Learn limits from the observations ``(N, D)`` of the training episodes."""
+        """Learn limits from the observations ``(..., D)`` of the training windows."""
 
     @abstractmethod
     def prepare(self, observations: Mapping[str, Tensor]) -> Prepared:

@@ -30,7 +30,8 @@ class PolicyNetwork(nn.Module):
         self.spec = spec
         self.frame = action_frame(config.action_frame)
         self.encoder = StateEncoder(spec, config.observation, config.horizons.obs)
-        self.action_normalizer = Normalizer((ACTION_SIZE,))
+        per_step = config.action_limits == "per_step"
+        self.action_normalizer = Normalizer((config.horizons.pred, ACTION_SIZE) if per_step else (ACTION_SIZE,))
         self.head = _build_head(config, self.encoder.condition_size)
 
     @property

@@ -25,8 +25,9 @@ class Normalizer(nn.Module):
 
     @torch.no_grad()
     def fit(self, values: Tensor) -> None:
-        """Take the limits of ``values`` ``(N, *shape)``."""
-        low, high = values.amin(dim=0), values.amax(dim=0)
+        """Take the limits of ``values`` ``(..., *shape)``."""
+        rows = values.reshape(-1, *self.offset.shape)
+        low, high = rows.amin(dim=0), rows.amax(dim=0)
         half_range = (high - low) / 2
         self.offset.copy_((low + high) / 2)
         self.scale.copy_(torch.where(half_range * 2 < SMALLEST_RANGE, torch.ones_like(half_range), half_range))

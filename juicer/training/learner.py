@@ -15,6 +15,8 @@ from juicer.seeding import stream
 from juicer.training.config import TrainingConfig
 from juicer.training.table import Batch
 
+AVERAGED_EVERY = 4
+"""Steps between updates of the moving average, which touches every weight and would cost a twelfth of each step."""
 MOMENTS = ("exp_avg", "exp_avg_sq")
 """What AdamW remembers of each parameter, by its own names."""
 
@@ -98,10 +100,10 @@ class Learner:
 
     @torch.no_grad()
     def _average(self, step: int) -> None:
-        if self.ema is None or self._config.ema_decay is None:
+        if self.ema is None or self._config.ema_decay is None or (step + 1) % AVERAGED_EVERY:
             return
         # Early on a long memory would mostly remember the initial weights.
-        decay = min(self._config.ema_decay, (1 + step) / (10 + step))
+        decay = min(self._config.ema_decay, (1 + step) / (10 + step)) ** AVERAGED_EVERY
         averages: list[Tensor] = list(self.ema.parameters())
         current: list[Tensor] = list(self._parameters)
         torch._foreach_lerp_(averages, current, 1 - decay)

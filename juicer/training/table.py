@@ -83,8 +83,8 @@ class WindowTable:
             noisy = perturb_observations(seen, noise)
             chunks = torch.cat([chunks, self._encode_all(noisy["proprioception"][:, -1])])
             seen = {name: torch.cat([values, noisy[name]]) for name, values in seen.items()}
-        self._network.encoder.fit({name: values.flatten(0, 1) for name, values in seen.items()})
-        self._network.action_normalizer.fit(chunks.flatten(0, 1))
+        self._network.encoder.fit(seen)
+        self._network.action_normalizer.fit(chunks)
 
     def normalize(self) -> None:
         """Apply the network's limits; needed once before batches are taken."""

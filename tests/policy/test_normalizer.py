@@ -39,3 +39,17 @@ def test_limits_travel_with_the_weights():
     other.load_state_dict(normalizer.state_dict())
     values = torch.randn(5, 4)
     assert torch.equal(normalizer.normalize(values), other.normalize(values))
+
+
+def test_limits_may_differ_for_every_step_of_a_chunk():
+    chunks = torch.randn(50, 4, 2) * torch.tensor([1.0, 2.0, 3.0, 4.0])[:, None]
+    normalizer = Normalizer((4, 2))
+    normalizer.fit(chunks)
+    np.testing.assert_allclose(normalizer.normalize(chunks).amax(0), np.ones((4, 2)), atol=1e-5)
+
+
+def test_shared_limits_span_all_steps_of_a_chunk():
+    chunks = torch.randn(50, 4, 2) * torch.tensor([1.0, 2.0, 3.0, 4.0])[:, None]
+    normalizer = Normalizer((2,))
+    normalizer.fit(chunks)
+    np.testing.assert_allclose(normalizer.normalize(chunks).amax((0, 1)), [1, 1], atol=1e-5)
