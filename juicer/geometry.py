@@ -21,7 +21,8 @@ _YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 def normalised(vector: Array) -> Array:
     """Vectors ``(..., D)`` scaled to length one; a zero vector gives NaN."""
-    return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+    unit: Array = vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+    return unit
 
 
 def quat_multiply(left_wxyz: Array, right_wxyz: Array) -> Array:
@@ -41,7 +42,8 @@ def quat_multiply(left_wxyz: Array, right_wxyz: Array) -> Array:
 
 def quat_conjugate(quat_wxyz: Array) -> Array:
     """Inverse rotation of unit quaternions ``(..., 4)``."""
-    return np.asarray(quat_wxyz) * np.array([1.0, -1.0, -1.0, -1.0])
+    inverse: Array = np.asarray(quat_wxyz) * np.array([1.0, -1.0, -1.0, -1.0])
+    return inverse
 
 
 def quat_to_matrix(quat_wxyz: Array) -> Array:
@@ -121,7 +123,7 @@ def rot6d_to_matrix(rot6d: Array) -> Array:
     first, second = values[..., :3], values[..., 3:]
     first_length = np.sqrt((first * first).sum(axis=-1, keepdims=True))
     if not (first_length > 1e-6).all():
-        raise InvalidAction("6D rotation is degenerate: its first row has no length; pass two rows of a rotation matrix")
+        raise InvalidAction("6D rotation is degenerate: its first row vanishes; pass two rows of a rotation matrix")
     first = first / first_length
     second = second - (first * second).sum(axis=-1, keepdims=True) * first
     second_length = np.sqrt((second * second).sum(axis=-1, keepdims=True))
@@ -147,7 +149,8 @@ def matrix_to_rotvec(matrix: Array) -> Array:
     quat = matrix_to_quat(matrix)
     sine = np.linalg.norm(quat[..., 1:], axis=-1, keepdims=True)
     angle = 2 * np.arctan2(sine, quat[..., :1])
-    return quat[..., 1:] * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 2.0)
+    rotvec: Array = quat[..., 1:] * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 2.0)
+    return rotvec
 
 
 def rotation_angle(first: Array, second: Array) -> Array:
