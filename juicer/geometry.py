@@ -156,7 +156,8 @@ def matrix_to_rotvec(matrix: Array) -> Array:
 def rotation_angle(first: Array, second: Array) -> Array:
     """Angle in radians between rotation matrices ``(..., 3, 3)``."""
     relative = np.swapaxes(first, -1, -2) @ second
-    return np.linalg.norm(matrix_to_rotvec(relative), axis=-1)
+    angle: Array = np.linalg.norm(matrix_to_rotvec(relative), axis=-1)
+    return angle
 
 
 def axis_rotation(axis: str, angle_rad: float) -> Array:
