@@ -29,6 +29,7 @@ def quiet_environment(settings: Settings) -> dict[str, str]:
         # Eight processes for features that have to do with language models.
         "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false",
         "GIT_PYTHON_REFRESH": "quiet",
+        "PREFECT_CLIENT_MAX_RETRIES": "3",
         "PREFECT_LOGGING_SERVER_LEVEL": "CRITICAL",
         "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL",
         "PREFECT_LOGGING_EXTRA_LOGGERS": ",".join(EXTRA_LOGGERS),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import atexit
 import os
+import socket
 import subprocess
 import sys
 import threading
@@ -15,12 +16,11 @@ import time
 from urllib.error import URLError
 from urllib.request import urlopen
 
-from flows.services import LOOPBACK, choose_port
+from flows.services import LOOPBACK
 from juicer.errors import ServiceUnavailable
 
 POLL_SECONDS = 0.2
 GRACE_SECONDS = 5.0
-PREFERRED_PORT = 8642
 
 
 class TemporaryServer:
@@ -28,8 +28,9 @@ class TemporaryServer:
 
     def __init__(self) -> None:
         """Start the process; it is stopped when this process exits."""
-        port = choose_port(None, PREFERRED_PORT, "Prefect")
-        self.api_url = f"http://{LOOPBACK}:{port}/api"
+        # The socket is handed over, not its number: nobody else can answer in the server's place.
+        listener = socket.create_server((LOOPBACK, 0), backlog=0)
+        self.api_url = f"http://{LOOPBACK}:{listener.getsockname()[1]}/api"
         environment = {
             **os.environ,
             "PREFECT_UI_ENABLED": "0",
@@ -37,13 +38,15 @@ class TemporaryServer:
             "PREFECT__SERVER_FINAL": "1",
         }
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "flows.temporary_server", str(port)],
+            [sys.executable, "-m", "flows.temporary_server", str(listener.fileno())],
             env=environment,
+            pass_fds=[listener.fileno()],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             start_new_session=True,
         )
+        listener.close()
         # Registered before Prefect is imported, so that Prefect can say its last words before the server goes.
         atexit.register(self.stop)
 
@@ -96,18 +99,12 @@ def _end_with_parent() -> None:
 
 
 def main() -> None:
-    """Serve on the port given as the only argument until the parent is gone."""
+    """Serve on the socket whose number is the only argument, until the parent is gone."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     import uvicorn
 
-    uvicorn.run(
-        "prefect.server.api.server:create_app",
-        factory=True,
-        host=LOOPBACK,
-        port=int(sys.argv[1]),
-        log_level="error",
-        lifespan="on",
-    )
+    config = uvicorn.Config("prefect.server.api.server:create_app", factory=True, log_level="error", lifespan="on")
+    uvicorn.Server(config).run([socket.socket(fileno=int(sys.argv[1]))])
 
 
 if __name__ == "__main__":

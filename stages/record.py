@@ -5,7 +5,12 @@ from __future__ import annotations
 from pydantic import Field
 
 from juicer.config import StrictConfig
+from juicer.errors import NothingLeft
+from juicer.evaluation import Purpose, claim
 from juicer.tasks.specification import Randomness
+from juicer.teleoperation.log import SUFFIX
+from juicer.teleoperation.operator import DEVICE
+from juicer.teleoperation.record import record_demonstrations
 from stages.stage import StageContext, stage
 
 
@@ -25,4 +30,23 @@ class RecordConfig(StrictConfig):
 @stage(kind="logs", libraries=("mujoco", "numpy"))
 def record(context: StageContext, *, config: RecordConfig) -> None:
     """Let the scripted operator assemble, and record it as a human's recording tool would."""
-    raise NotImplementedError
+    seeds = claim(Purpose.DEMONSTRATIONS, config.first, config.max_recordings)
+    successes = record_demonstrations(
+        context.draft.path,
+        config.task,
+        config.randomness,
+        seeds,
+        successes=config.demonstrations,
+        root_seed=config.seed,
+        workers=context.workers,
+        progress=context.progress,
+    )
+    recordings = len(list(context.draft.path.glob(f"*{SUFFIX}")))
+    if not successes:
+        raise NothingLeft(f"the scripted operator failed in all of {recordings} recordings")
+    context.draft.summary |= {
+        "logs": recordings,
+        "successes": successes,
+        "success_rate": successes / recordings,
+        "device": DEVICE,
+    }

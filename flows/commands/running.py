@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ from flows.conditions import Condition
 from flows.environment import API_VARIABLE, prepare_environment, prepare_machine
 from flows.settings import Settings, read_settings
 from flows.temporary_server import TemporaryServer
-from juicer.errors import ConfigError, did_you_mean
+from juicer.errors import ConfigError, ServiceUnavailable, did_you_mean
 from stages.isolation import warm_up
 
 if TYPE_CHECKING:
@@ -69,7 +70,25 @@ def _run_in_prefect(config: RunConfig) -> RunOutcome:
     from flows.config import StudyConfig
     from flows.study import study
 
-    return study(config) if isinstance(config, StudyConfig) else collect_infer(config)
+    with server_loss_explained():
+        return study(config) if isinstance(config, StudyConfig) else collect_infer(config)
+
+
+@contextmanager
+def server_loss_explained() -> Iterator[None]:
+    """Say in one sentence that Prefect's server went away in mid-run.
+
+    Raises:
+        ServiceUnavailable: If it did.
+    """
+    import httpx
+
+    try:
+        yield
+    except httpx.TransportError as error:
+        raise ServiceUnavailable(
+            f"the Prefect server went away ({error}); what was made is in the store, the same command continues the work"
+        ) from None
 
 
 def run_stage(
@@ -94,7 +113,8 @@ def run_stage(
         start_server(settings)
     from flows.single_stage import single_stage
 
-    refs = single_stage(name, config, chosen, seed, force)
+    with server_loss_explained():
+        refs = single_stage(name, config, chosen, seed, force)
     if as_json:
         say_json(refs)
     else:
