@@ -42,7 +42,7 @@ class AnnotationConfig(StrictConfig):
     """How critical states are proposed."""
 
     neighbourhood_m: float = Field(
-        default=0.04, gt=0, description="distance from its assembled position within which a part arrives"
+        default=0.06, gt=0, description="distance from its assembled position within which a part arrives"
     )
     clearance_m: float = Field(default=0.006, gt=0, description="parts that are closer are about to touch")
 

@@ -73,7 +73,8 @@ def plan_departure(
             _poses(_shares(np.linalg.norm(down), step_m), moved, down, turned),
         ]
     )
-    return Departure(kind=kind, targets=targets)
+    # The arm reaches 0.86 m; the environment refuses entries beyond one.
+    return Departure(kind=kind, targets=np.clip(targets, -1.0, 1.0))
 
 
 def reverse(achieved: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:

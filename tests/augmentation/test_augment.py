@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,13 @@ import pytest
 from juicer.augmentation import augment as module
 from juicer.augmentation.augment import Rejection, Snippet, augment, find_references
 from juicer.augmentation.config import AugmentationConfig, ToleranceConfig
+from juicer.augmentation.execute import reproduces
 from juicer.augmentation.summary import AugmentationSummary
 from juicer.augmentation.verify import RejectionReason
 from juicer.episode import Episode, Outcome
 from juicer.errors import NothingLeft
+from juicer.sim.env import AssemblyEnv
+from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.storage.tables import Annotation
 
 STEP = 16
@@ -128,6 +132,14 @@ def test_progress_counts_snippets_and_attempts(insertions: list[Episode]):
     run(insertions, progress=lambda done, total, **facts: heard.append((done, total, facts["attempts"])))
     assert heard[-1][:2] == (3, 3)
     assert [attempts for *_, attempts in heard] == list(range(1, len(heard) + 1))
+
+
+def test_stored_snippets_replay_exactly(attempts: list[Snippet | Rejection], tmp_path: Path):
+    write_episodes(tmp_path, (snippet.episode for snippet in snippets(attempts)), {})
+    reader = EpisodeReader(tmp_path)
+    env = AssemblyEnv("one_leg", max_steps=100_000)
+    assert len(reader) == 3
+    assert all(reproduces(env, reader.read(index)) for index in range(3))
 
 
 def test_the_summary_tells_the_yield(attempts: list[Snippet | Rejection]):

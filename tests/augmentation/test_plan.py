@@ -61,6 +61,12 @@ def test_it_descends_at_the_end():
     assert poses[:, 2].max() == pytest.approx(START[2] + 0.01)
 
 
+def test_no_target_is_one_that_the_environment_refuses():
+    far_out = np.concatenate([[0.8, 0.1, 0.5], START[3:]])
+    targets = [plan_departure(far_out, "any", PAPER, np.random.default_rng(seed)).targets for seed in range(20)]
+    assert max(np.abs(values).max() for values in targets) == 1.0
+
+
 def test_nothing_to_do_is_no_departure():
     still = DepartureConfig(
         lift_m=(0, 0), distance_m=(0, 0), polar_deg=(0, 0), rotation_deg=0, step_m=(0.01, 0.01), step_deg=(5, 5)
