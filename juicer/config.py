@@ -110,7 +110,10 @@ def _models_at(model: type[BaseModel], parents: Sequence[int | str]) -> Iterator
     field = model.model_fields.get(str(parents[0]))
     candidates = list(_nested_models(field.annotation)) if field else []
     for candidate in candidates:
-        rest = [part for part in parents[1:] if not isinstance(part, int) and part in candidate.model_fields]
+        rest = parents[1:]
+        # Positions in a list, keys of a mapping and tags of a union name no field.
+        while rest and rest[0] not in candidate.model_fields:
+            rest = rest[1:]
         yield from _models_at(candidate, rest)
 
 

@@ -1,0 +1,105 @@
+"""Configurations: small files, strict keys, one schema for single runs and studies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from flows.conditions import METHODS, Condition
+from flows.config import CollectInferConfig, StudyConfig, load_run
+from juicer.errors import ConfigError
+from juicer.evaluation import Purpose, claim
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+def write(folder: Path, text: str, name: str = "run.yaml") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.name)
+def test_every_configuration_of_the_repository_is_valid(path):
+    config = load_run(path)
+    for condition in config.conditions:
+        for seed in config.seeds:
+            training = config.training(condition, seed)
+            assert (training.training.state_noise is not None) == METHODS[condition].adds_noise
+
+
+def test_file_says_which_flow_it_is_for(tmp_path):
+    single = load_run(write(tmp_path, "condition: ta\nseed: 3\n"))
+    study = load_run(write(tmp_path, "flow: study\nseeds: [1, 2]\n"))
+    assert isinstance(single, CollectInferConfig)
+    assert (single.conditions, single.seeds) == ((Condition.TA,), (3,))
+    assert isinstance(study, StudyConfig)
+    assert len(study.conditions) == 7
+
+
+def test_base_is_overruled_by_the_file_and_the_file_by_the_command_line(tmp_path):
+    write(tmp_path, "rounds: 2\nrecord: {demonstrations: 7, seed: 1}\n", "base.yaml")
+    path = write(tmp_path, "base: base.yaml\nrecord: {demonstrations: 8}\n")
+    config = load_run(path, ["record.seed=2"])
+    assert (config.rounds, config.record.demonstrations, config.record.seed) == (2, 8, 2)
+
+
+def test_task_and_randomness_reach_every_section_that_does_not_set_its_own(tmp_path):
+    config = load_run(write(tmp_path, "randomness: med\nevaluate: {randomness: high}\n"))
+    assert config.record.randomness == config.collect.randomness == "med"
+    assert config.evaluate.randomness == "high"
+    assert config.train.diffusion.task == "one_leg"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("recrod: {}\n", r"unknown key 'recrod'; did you mean 'record'\?"),
+        ("record: {demonstration: 3}\n", r"'record\.demonstration'; did you mean 'demonstrations'\?"),
+        ("flow: studdy\n", r"unknown flow 'studdy'; did you mean 'study'\?"),
+        ("rounds: 0\n", r"rounds: Input should be greater than 0, got 0"),
+        ("condition: bcc\n", r"condition: Input should be 'bc'"),
+        ("flow: study\nseeds: [1, 1]\n", "each may be named only once"),
+        ("base: gone.yaml\n", r"gone\.yaml' does not exist"),
+        ("- 1\n", "must hold a mapping"),
+        ("train: {diffusion: {training: {step: 3}}}\n", r"'train\.diffusion\.training\.step'; did you mean 'steps'\?"),
+    ],
+)
+def test_mistake_gets_one_sentence_that_names_the_remedy(tmp_path, text, message):
+    with pytest.raises(ConfigError, match=message):
+        load_run(write(tmp_path, text))
+
+
+def test_base_of_a_base_is_refused(tmp_path):
+    write(tmp_path, "base: x.yaml\n", "base.yaml")
+    with pytest.raises(ConfigError, match="is a base itself"):
+        load_run(write(tmp_path, "base: base.yaml\n"))
+
+
+def test_collections_of_different_models_and_rounds_never_share_an_initial_state():
+    config = StudyConfig(rounds=3)
+    taken: set[int] = set()
+    for seed in config.seeds:
+        for turn in (1, 2, 3):
+            collect = config.collection(seed, turn)
+            states = set(claim(Purpose.COLLECTION, collect.first, collect.max_episodes))
+            assert not states & taken
+            taken |= states
+
+
+def test_seeds_train_different_models_from_one_recipe():
+    config = StudyConfig()
+    assert config.training(Condition.BC, 0).seed != config.training(Condition.BC, 1).seed
+    assert config.training(Condition.BC, 1) == config.training(Condition.TA, 1)
+
+
+def test_study_can_be_narrowed_to_what_it_has():
+    study = StudyConfig(conditions=(Condition.BC, Condition.TA), seeds=(0, 1))
+    narrow = study.narrowed(Condition.TA, 1)
+    assert (narrow.conditions, narrow.seeds) == ((Condition.TA,), (1,))
+    with pytest.raises(ConfigError, match=r"no condition 'ci'"):
+        study.narrowed(Condition.CI, None)
+    with pytest.raises(ConfigError, match=r"no seed 7; its seeds are 0, 1"):
+        study.narrowed(None, 7)
+    assert CollectInferConfig().narrowed(Condition.BC, 4).seeds == (4,)

@@ -1,0 +1,36 @@
+"""Facts about the machine come from the environment, and a misspelt variable is not ignored."""
+
+from __future__ import annotations
+
+import pytest
+
+from flows.settings import read_settings
+from juicer.errors import ConfigError
+
+
+def test_defaults_stay_in_the_data_folder(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    settings = read_settings()
+    assert settings.store_url == str(tmp_path / "data")
+    assert settings.tracks
+
+
+def test_store_and_tracking_can_be_elsewhere(monkeypatch):
+    monkeypatch.setenv("JUICER_STORE", "s3://bucket/juicer")
+    monkeypatch.setenv("JUICER_TRACKING_URI", "none")
+    assert read_settings().store_url == "s3://bucket/juicer"
+    assert not read_settings().tracks
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("JUICER_STOER", "x", r"JUICER_STOER is not known; did you mean 'JUICER_STORE'\?"),
+        ("JUICER_WORKERS", "many", r"JUICER_WORKERS: .*got 'many'"),
+        ("JUICER_WORKERS", "0", r"JUICER_WORKERS: Input should be greater than or equal to 1"),
+    ],
+)
+def test_mistake_names_the_variable(monkeypatch, name, value, message):
+    monkeypatch.setenv(name, value)
+    with pytest.raises(ConfigError, match=message):
+        read_settings()
