@@ -196,7 +196,7 @@ def attempt_snippet(
         rng: Source of the draws.
     """
     kind = draw_kind(config.departures, rng)
-    departure = plan_departure(reference.pose, kind, config.departures[kind], rng)
+    departure = plan_departure(reference.pose, config.departures[kind], rng)
     result = execute(env, reference, departure)
     if isinstance(result, Episode):
         reason = deviation_from_reference(result, reference, config)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from juicer.augmentation.plan import POSE_SIZE, Departure, reverse
+from juicer.augmentation.plan import POSE_SIZE, reverse
 from juicer.augmentation.reference import Reference
 from juicer.augmentation.verify import RejectionReason, outcome_rejection
 from juicer.episode import STATE_KEY, Episode, EpisodeRecord, Outcome, Source
@@ -15,7 +15,7 @@ from juicer.sim.env import AssemblyEnv
 from juicer.sim.recorder import EpisodeRecorder
 
 
-def execute(env: AssemblyEnv, reference: Reference, departure: Departure) -> Episode | RejectionReason:
+def execute(env: AssemblyEnv, reference: Reference, departure: NDArray[np.float64]) -> Episode | RejectionReason:
     """Restore the critical state, depart, and record the return and the demonstration's own actions after it.
 
     The way back is the departure's *achieved* poses, reversed, as absolute targets: where the hand has been, it
@@ -24,7 +24,7 @@ def execute(env: AssemblyEnv, reference: Reference, departure: Departure) -> Epi
     Args:
         env: Any environment of the reference's task; left wherever the snippet ends.
         reference: What the demonstration did from the critical state on.
-        departure: How to leave.
+        departure: Poses to leave by ``(K, 9)``, see :func:`juicer.augmentation.plan.plan_departure`.
 
     Returns:
         The snippet, not yet compared with the demonstration, or why there is none.
@@ -34,9 +34,9 @@ def execute(env: AssemblyEnv, reference: Reference, departure: Departure) -> Epi
     env.set_state(reference.state)
     held = _held_parts(env)
     achieved = [reference.pose]
-    for target in departure.targets:
-        observation, _, terminated, truncated, info = env.step(_action(target, reference.gripper))
-        if terminated or truncated:
+    for target in departure:
+        observation, *_, info = env.step(_action(target, reference.gripper))
+        if info["outcome"] is not None:
             return outcome_rejection(info["outcome"])
         achieved.append(observation["proprioception"][:POSE_SIZE])
     if not held <= _held_parts(env):
@@ -46,10 +46,8 @@ def execute(env: AssemblyEnv, reference: Reference, departure: Departure) -> Epi
     back = [_action(pose, reference.gripper) for pose in reverse(np.array(achieved))]
     for action in (*back, *reference.actions):
         recorder.step(action)
-        if recorder.done:
-            break
-    if recorder.done and recorder.info["outcome"] is not Outcome.SUCCESS:
-        return outcome_rejection(recorder.info["outcome"])
+        if recorder.info["outcome"] not in (None, Outcome.SUCCESS):
+            return outcome_rejection(recorder.info["outcome"])
     return recorder.episode(
         EpisodeRecord(
             source=Source.AUGMENTATION,

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,19 +18,6 @@ from juicer.geometry import axis_rotation, matrix_to_rot6d, matrix_to_rotvec, ro
 POSE_SIZE = 9
 
 
-@dataclass(frozen=True)
-class Departure:
-    """A planned way out of a critical state.
-
-    Attributes:
-        kind: Name of the :class:`DepartureConfig` it was drawn from.
-        targets: End-effector poses ``(K, 9)``, one an action, the first one step away from the critical state.
-    """
-
-    kind: str
-    targets: NDArray[np.float64]
-
-
 def draw_kind(departures: Mapping[str, DepartureConfig], rng: np.random.Generator) -> str:
     """Name of a departure, drawn by weight."""
     names = sorted(departures)
@@ -40,15 +26,17 @@ def draw_kind(departures: Mapping[str, DepartureConfig], rng: np.random.Generato
 
 
 def plan_departure(
-    start: NDArray[np.floating[Any]], kind: str, config: DepartureConfig, rng: np.random.Generator
-) -> Departure:
-    """Lift, move into a cone that opens upward, turn on the spot, and come partly down again.
+    start: NDArray[np.floating[Any]], config: DepartureConfig, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Lift, move into a cone that opens upward, turn on the spot, and come down again.
 
     Args:
         start: End-effector pose ``(9,)`` at the critical state.
-        kind: Name to record.
         config: Ranges to draw from.
         rng: Source of the draws.
+
+    Returns:
+        End-effector poses ``(K, 9)`` to aim at, one an action, the first one step away from the critical state.
     """
     position, rotation = np.asarray(start[:3], dtype=np.float64), rot6d_to_matrix(start[3:POSE_SIZE])
     up = np.array([0.0, 0.0, rng.uniform(*config.lift_m)])
@@ -65,7 +53,7 @@ def plan_departure(
     lifted = position + up
     moved = lifted + away
     turned = rotation @ rotvec_to_matrix(turn)
-    targets = np.concatenate(
+    targets: NDArray[np.float64] = np.concatenate(
         [
             _poses(_shares(np.linalg.norm(up), step_m), position, up, rotation),
             _poses(_shares(distance, step_m), lifted, away, rotation),
@@ -74,7 +62,7 @@ def plan_departure(
         ]
     )
     # The arm reaches 0.86 m; the environment refuses entries beyond one.
-    return Departure(kind=kind, targets=np.clip(targets, -1.0, 1.0))
+    return targets.clip(-1.0, 1.0)
 
 
 def reverse(achieved: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:

@@ -4,21 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from juicer.augmentation.config import FAR, NEAR, AugmentationConfig
 from juicer.augmentation.execute import execute, reproduces
-from juicer.augmentation.plan import Departure, plan_departure
+from juicer.augmentation.plan import plan_departure
 from juicer.augmentation.reference import Reference
 from juicer.augmentation.verify import RejectionReason, deviation_from_reference
 from juicer.episode import STATE_KEY, Episode, Outcome, Source
 from juicer.seeding import stream
 from juicer.sim.env import AssemblyEnv
 
-AT_ONCE = Departure("none", np.empty((0, 9)))
+AT_ONCE = np.empty((0, 9))
 
 
-def departure(reference: Reference, seed: int = 0) -> Departure:
-    return plan_departure(reference.pose, "far", FAR, stream(seed, "test"))
+def departure(reference: Reference, seed: int = 0) -> NDArray[np.float64]:
+    return plan_departure(reference.pose, FAR, stream(seed, "test"))
 
 
 def test_without_a_departure_the_demonstration_itself_is_replayed_exactly(env: AssemblyEnv, reference: Reference):
@@ -31,7 +32,7 @@ def test_a_snippet_returns_to_the_critical_pose_and_joins_the_demonstration(env:
     away = departure(reference)
     snippet = execute(env, reference, away)
     assert isinstance(snippet, Episode)
-    back = len(away.targets)
+    back = len(away)
     assert len(snippet) == back + len(reference.actions)
     np.testing.assert_array_equal(snippet.steps["action"][back:], reference.actions)
     np.testing.assert_array_equal(snippet.steps["action"][back - 1, :9], reference.pose)
@@ -65,7 +66,7 @@ def test_an_action_that_was_not_executed_does_not_reproduce(env: AssemblyEnv, re
 
 def test_a_part_that_slips_out_of_the_hand_on_the_way_is_noticed(env: AssemblyEnv, reference: Reference):
     opening = replace(reference, gripper=-1.0)
-    away = plan_departure(reference.pose, "near", NEAR, stream(0, "test"))
+    away = plan_departure(reference.pose, NEAR, stream(0, "test"))
     assert execute(env, opening, away) is RejectionReason.DROPPED
 
 
@@ -84,6 +85,6 @@ def test_the_departure_is_not_recorded(env: AssemblyEnv, reference: Reference):
     snippet = execute(env, reference, away)
     assert isinstance(snippet, Episode)
     env.set_state(reference.state)
-    for target in away.targets:
+    for target in away:
         env.step(np.append(target, reference.gripper).astype(np.float32))
     np.testing.assert_array_equal(snippet.steps[STATE_KEY][0], env.get_state())
