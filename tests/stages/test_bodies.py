@@ -1,0 +1,237 @@
+"""Every stage in miniature, each fed by the ones before it, as in the loop."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from juicer.annotation import AnnotationConfig
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.errors import NothingLeft, WrongArtifactKind
+from juicer.ingestion import IngestionConfig
+from juicer.storage.curves import read_curves
+from juicer.storage.episodes import EpisodeReader, write_episodes
+from juicer.storage.tables import read_annotations, read_evaluation, read_selection
+from juicer.teleoperation.log import OperatorLog, write_log
+from juicer.training.config import TrainingConfig
+from stages.annotate import annotate
+from stages.augment import AugmentConfig, augment
+from stages.collect import CollectConfig, collect
+from stages.evaluate import EvaluateConfig, evaluate
+from stages.ingest import ingest
+from stages.record import RecordConfig, record
+from stages.report import ReportConfig, report
+from stages.report_data import ReportRow
+from stages.select import SelectConfig, select
+from stages.session import Session
+from stages.train import TrainConfig, train
+
+POLICY = {
+    "horizons": {"obs": 1, "pred": 8, "action": 4},
+    "action_frame": "relative",
+    "head": {"kind": "mlp", "width": 32, "blocks": 1},
+}
+TRAINING = TrainingConfig(
+    steps=6, batch_size=16, warmup_steps=2, validation_fraction=0.5, validate_every=3, report_every=2, save_every=2
+)
+INGEST = IngestionConfig(min_steps=10)
+TRAIN = TrainConfig(policy=POLICY, training=TRAINING)
+AUGMENT = AugmentConfig(num_snippets=2)
+COLLECT = CollectConfig(successes=1, max_episodes=2, max_steps=12)
+EVALUATE = EvaluateConfig(episodes=3, max_steps=12)
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The artifacts of one small loop."""
+
+    session: Session
+    demonstrations: ArtifactRef
+    annotations: ArtifactRef
+    corrective: ArtifactRef
+    checkpoint: ArtifactRef
+    rollouts: ArtifactRef
+    evaluation: ArtifactRef
+
+    @property
+    def store(self) -> ArtifactStore:
+        return self.session.store
+
+
+def write_logs(folder, episodes):
+    for index, episode in enumerate(episodes):
+        facts = episode.record
+        log = OperatorLog(
+            task=facts.task,
+            randomness=facts.randomness,
+            seed=facts.seed,
+            device="test hand",
+            success=True,
+            outcome="success",
+            parts_assembled=1,
+            steps=episode.steps,
+            final=episode.final,
+            timestamp_s=np.arange(len(episode)) * 0.1,
+            idle=np.zeros(len(episode), bool),
+        )
+        write_log(folder / f"{index}.npz", log)
+    return tuple(sorted(folder.glob("*.npz")))
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory, insertions):
+    return write_logs(tmp_path_factory.mktemp("logs"), insertions)
+
+
+@pytest.fixture(scope="module")
+def loop(tmp_path_factory, logs):
+    session = Session(ArtifactStore(tmp_path_factory.mktemp("store")), num_envs=2)
+    demonstrations = ingest(session, files=logs, config=INGEST)
+    annotations = annotate(session, episodes=demonstrations, config=AnnotationConfig())
+    corrective = augment(session, episodes=demonstrations, annotations=annotations, config=AUGMENT)
+    checkpoint = train(session, episodes=(demonstrations, corrective), config=TRAIN)
+    rollouts = collect(session, checkpoint=checkpoint, config=COLLECT)
+    evaluation = evaluate(session, checkpoint=checkpoint, config=EVALUATE)
+    return Loop(session, demonstrations, annotations, corrective, checkpoint, rollouts, evaluation)
+
+
+def summary(loop, ref):
+    return loop.store.manifest(ref).summary
+
+
+def test_second_loop_reuses_everything(loop, logs):
+    before = loop.store.refs()
+    session = replace(loop.session, workers=2, num_envs=3, isolate=True)
+    assert ingest(session, files=logs, config=INGEST) == loop.demonstrations
+    assert train(session, episodes=(loop.demonstrations, loop.corrective), config=TRAIN) == loop.checkpoint
+    assert evaluate(session, checkpoint=loop.checkpoint, config=EVALUATE) == loop.evaluation
+    assert loop.store.refs() == before
+
+
+def test_ingest_counts_what_it_keeps_and_names_what_it_rejects(loop, logs, tmp_path):
+    broken = tmp_path / "broken.npz"
+    broken.write_bytes(b"no log")
+    ref = ingest(loop.session, files=(*logs, broken), config=INGEST)
+    facts = summary(loop, ref)
+    assert (facts["logs"], facts["episodes"], facts["rejected"]) == (3, 2, 1)
+    assert "truncated or no operator log" in facts["rejections"]["broken.npz"]
+    with pytest.raises(NothingLeft, match="no demonstration is left of 1 operator logs; the first reason: the file"):
+        ingest(loop.session, files=(broken,), config=INGEST)
+
+
+def test_annotations_name_the_critical_state_of_every_demonstration(loop):
+    rows = read_annotations(loop.store.open(loop.annotations))
+    assert [row.episode for row in rows] == [0, 1]
+    assert summary(loop, loop.annotations)["authors"] == {"proposed": 2}
+
+
+def test_labels_of_a_human_override(loop, tmp_path):
+    labels = tmp_path / "labels.csv"
+    labels.write_text("episode,step,critical_state\n0,5,0\n")
+    ref = annotate(loop.session, episodes=loop.demonstrations, labels=labels, config=AnnotationConfig())
+    first, second = read_annotations(loop.store.open(ref))
+    assert (first.step, first.author, second.author) == (5, "human", "proposed")
+    assert ref != loop.annotations
+
+
+def test_snippets_know_their_demonstration(loop):
+    records = EpisodeReader(loop.store.open(loop.corrective)).records
+    assert len(records) == summary(loop, loop.corrective)["snippets"] == 2
+    assert all(record.parent.startswith(loop.demonstrations.id) for record in records)
+    assert loop.store.lineage(loop.corrective) == [loop.demonstrations, loop.annotations]
+
+
+def test_checkpoint_brings_its_curves_and_the_size_of_its_data(loop):
+    facts = summary(loop, loop.checkpoint)
+    assert facts["episodes"] == {"teleop": 2, "augmentation": 2}
+    assert set(facts["timesteps"]) == {"teleop", "augmentation"}
+    curves = read_curves(loop.store.open(loop.checkpoint))
+    assert curves["train/loss"][0] == (2, 4, 6)
+    assert curves["validation/loss"][0] == (3, 6)
+
+
+def test_training_on_a_selection_reads_only_the_kept_episodes(loop, tmp_path, insertions):
+    rollouts = loop.store.manifest(loop.rollouts).recipe
+    failed = [replace(insertions[1], record=replace(insertions[1].record, outcome="timeout", source="rollout"))]
+    succeeded = [replace(insertions[0], record=replace(insertions[0].record, source="rollout"))]
+    recipe = replace(rollouts, config={"made": "by hand"})
+    with loop.store.create(recipe) as draft:
+        write_episodes(draft.path, [*failed, *succeeded, *succeeded], {})
+    selection = select(loop.session, episodes=recipe.ref, config=SelectConfig(max_episodes=1))
+    rows = read_selection(loop.store.open(selection))
+    assert [(row.keep, row.reason) for row in rows] == [
+        (False, "timeout"),
+        (True, "success"),
+        (False, "enough successes before it"),
+    ]
+    retrained = train(loop.session, episodes=(loop.demonstrations,), selections=(selection,), config=TRAIN)
+    assert summary(loop, retrained)["episodes"] == {"teleop": 2, "rollout": 1}
+    assert {recipe.ref, selection} <= set(loop.store.lineage(retrained))
+
+
+def test_rollouts_are_kept_whatever_their_outcome(loop):
+    facts = summary(loop, loop.rollouts)
+    assert facts["episodes"] == 2
+    assert facts["outcomes"] == {"timeout": 2}
+    assert EpisodeReader(loop.store.open(loop.rollouts)).records[0].policy == loop.checkpoint.id
+
+
+def test_no_successful_rollout_is_said_in_one_sentence(loop):
+    with pytest.raises(NothingLeft, match="no successful rollout to retrain on: none of 2"):
+        select(loop.session, episodes=loop.rollouts, config=SelectConfig())
+
+
+def test_evaluation_has_a_row_an_episode_an_interval_and_examples(loop):
+    folder = loop.store.open(loop.evaluation)
+    rows = read_evaluation(folder)
+    facts = summary(loop, loop.evaluation)
+    assert len({row.seed for row in rows}) == facts["episodes"] == 3
+    assert facts["interval_low"] <= facts["success_rate"] <= facts["interval_high"]
+    assert len(EpisodeReader(folder / "examples")) == 3
+
+
+def test_evaluation_does_not_depend_on_how_many_episodes_run_beside_each_other(loop):
+    other = evaluate(replace(loop.session, num_envs=1), checkpoint=loop.checkpoint, config=EVALUATE)
+    assert other == loop.evaluation
+    store = ArtifactStore(loop.store.url + "-other")
+    for ref in (loop.demonstrations, loop.annotations, loop.corrective, loop.checkpoint):
+        with store.create(loop.store.manifest(ref).recipe) as draft:
+            for path in loop.store.open(ref).rglob("*"):
+                if path.is_file() and path.name != "manifest.json":
+                    target = draft.path / path.relative_to(loop.store.open(ref))
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    target.write_bytes(path.read_bytes())
+    again = evaluate(replace(loop.session, store=store, num_envs=1), checkpoint=loop.checkpoint, config=EVALUATE)
+    assert store.manifest(again).content == loop.store.manifest(loop.evaluation).content
+
+
+def test_inputs_of_the_wrong_kind_are_refused(loop):
+    with pytest.raises(WrongArtifactKind, match="stage 'train' needs 'episodes'"):
+        train(loop.session, episodes=(loop.checkpoint,), config=TRAIN)
+    with pytest.raises(WrongArtifactKind, match="stage 'evaluate' needs 'checkpoint'"):
+        evaluate(loop.session, checkpoint=loop.demonstrations, config=EVALUATE)
+
+
+def test_recorded_logs_become_demonstrations(loop):
+    logs = record(loop.session, config=RecordConfig(demonstrations=1))
+    facts = summary(loop, logs)
+    assert facts["successes"] == 1
+    demonstrations = ingest(loop.session, logs=logs, config=IngestionConfig())
+    (episode,) = EpisodeReader(loop.store.open(demonstrations)).records
+    assert episode.device == facts["device"]
+
+
+def test_report_tells_of_every_condition_and_finding(loop):
+    config = ReportConfig(
+        title="A study", rows=(ReportRow(condition="TA", seed=0),), findings=("CI, seed 0: no success.",)
+    )
+    ref = report(loop.session, evaluations=(loop.evaluation,), config=config)
+    page = (loop.store.open(ref) / "report.html").read_text()
+    assert "A study" in page
+    assert "CI, seed 0: no success." in page
+    assert loop.evaluation.id[:6] in page
+    assert json.dumps(summary(loop, ref)["best_condition"]) == '"TA"'
