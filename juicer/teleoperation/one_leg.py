@@ -12,7 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask
-from juicer.teleoperation.one_leg_view import HOME_XY, LEG_WIDTH_M, TOP_HALF_WIDTH_M, WALL_M, OneLegView, downward
+from juicer.teleoperation.gripper_room import has_room, nearest_room, obstacle_points
+from juicer.teleoperation.one_leg_view import (
+    HOME_XY,
+    LEG_HALF_SIZE_M,
+    LEG_WIDTH_M,
+    TOP_HALF_WIDTH_M,
+    WALL_M,
+    OneLegView,
+    downward,
+)
 from juicer.teleoperation.pose import UP, Pose, Vector, cross, length, turned
 from juicer.teleoperation.scene import Scene
 from juicer.teleoperation.skills import (
@@ -44,6 +53,7 @@ _ALIGNED_M = 0.003
 _CAUGHT_M, _CAUGHT_RAD = 0.006, math.radians(7)
 _UPRIGHT_RAD = math.radians(12)
 _CLEAR_OF_LEG_M = 0.06
+_FINGER_PLAY_M = 0.008
 
 
 @dataclass(frozen=True)
@@ -57,6 +67,7 @@ class OneLegHabits:
         rim_offset_m: Distance of that grasp from the middle of the rim.
         leg_tilt_rad: Tilt of the hand that picks up the lying leg.
         leg_grasp_m: Distance of that grasp from the leg's origin, away from the peg.
+        leg_grasp_height_m: Height of that grasp above the leg's axis.
         lift_m: Height of the hand at which the leg begins to be turned upright.
         via: Where the hand stands the leg upright.
         screw_grasp_m: Height above the leg's origin at which it is grasped for a stroke.
@@ -68,6 +79,7 @@ class OneLegHabits:
     rim_offset_m: float
     leg_tilt_rad: float
     leg_grasp_m: float
+    leg_grasp_height_m: float
     lift_m: float
     via: tuple[float, float, float]
     screw_grasp_m: float
@@ -82,6 +94,7 @@ class OneLegHabits:
             rim_offset_m=rng.uniform(-0.010, 0.010),
             leg_tilt_rad=math.radians(rng.uniform(45, 50)),
             leg_grasp_m=rng.uniform(0.009, 0.014),
+            leg_grasp_height_m=rng.uniform(0.001, 0.004),
             lift_m=rng.uniform(0.055, 0.070),
             via=(rng.uniform(0.50, 0.55), rng.uniform(0.10, 0.14), rng.uniform(0.145, 0.165)),
             screw_grasp_m=rng.uniform(0.010, 0.014),
@@ -93,6 +106,7 @@ class OneLegOperator:
 
     def __init__(self, task: AssemblyTask, habits: OneLegHabits) -> None:
         """Prepare to work on ``task``."""
+        self._task = task
         self.view = OneLegView(task)
         self.habits = habits
 
@@ -125,11 +139,49 @@ class OneLegOperator:
     def pick_up(self, scene: Scene) -> Skill:
         """Grasp the lying leg with a tilted hand, so that it can stand up without the hand in its way."""
         view, habits = self.view, self.habits
-        scene = yield from descend(scene, self._leg_grasp, habits.clearance_m, habits.pace, "go to the leg")
+        tilt = habits.leg_tilt_rad
+        if self._room_at_the_leg(scene, tilt) is None:
+            scene = yield from self.pull_free(scene)
+        aside = self._room_at_the_leg(scene, tilt) or 0.0
+
+        def grasp(scene: Scene) -> Pose:
+            return self._leg_grasp(scene, tilt, aside)
+
+        scene = yield from descend(scene, grasp, habits.clearance_m, habits.pace, "go to the leg")
         scene = yield from grip(scene, CLOSE, lambda scene: scene.width < LEG_WIDTH_M + 0.0006, "grasp the leg")
         if not view.is_held(scene):
             return (yield from self._leave(scene, "let go"))
         return scene
+
+    def pull_free(self, scene: Scene) -> Skill:
+        """Pull the lying leg out from among the other parts with an upright hand, which needs less room."""
+        view, habits = self.view, self.habits
+        leg = view.leg(scene)
+        obstacles = obstacle_points(self._task, scene, grasped=view.leg_index)
+        tilted = self._leg_grasp(scene, habits.leg_tilt_rad, 0.0)
+        shift = nearest_room(tilted, leg, LEG_HALF_SIZE_M, obstacles)
+        if shift is None:
+            return scene
+        place = Pose(leg.position + shift, leg.rotation)
+        aside = self._room_at_the_leg(scene, 0.0) or 0.0
+
+        def grasp(scene: Scene) -> Pose:
+            return self._leg_grasp(scene, 0.0, aside)
+
+        def pull(scene: Scene) -> Pose:
+            goal = holding(scene, view.leg(scene), place)
+            return Pose(goal.position, scene.hand.rotation)
+
+        def pulled(scene: Scene) -> bool:
+            return length(place.position - view.leg(scene).position) < 0.005 or stall(scene) or not view.is_held(scene)
+
+        scene = yield from descend(scene, grasp, habits.clearance_m, habits.pace, "go to the hemmed-in leg")
+        scene = yield from grip(
+            scene, CLOSE, lambda scene: scene.width < LEG_WIDTH_M + 0.0006, "grasp the hemmed-in leg"
+        )
+        stall = Stall()
+        scene = yield from reach(scene, pull, CLOSE, habits.pace.at_most(_PUSH_LEAD_M), pulled, "pull the leg free")
+        return (yield from self._leave(scene, "leave the leg"))
 
     def insert(self, scene: Scene) -> Skill:
         """Stand the held leg up, bring it over the hole and lower it until its thread meets the hole's."""
@@ -203,15 +255,25 @@ class OneLegOperator:
         position = np.array([goal.position[0], goal.position[1], TABLE_HEIGHT_M + self.habits.rim_height_m])
         return Pose(position, downward(math.atan2(goal.rotation[1, 0], goal.rotation[0, 0])))
 
-    def _leg_grasp(self, scene: Scene) -> Pose:
+    def _leg_grasp(self, scene: Scene, tilt_rad: float, aside_m: float) -> Pose:
         """Hand across the lying leg, tilted back towards its peg."""
         leg = self.view.leg(scene)
         axis = leg.rotation[:, 1]
         along = axis - axis[2] * UP
         along = along / max(length(along), 1e-6)
-        c, s = math.cos(self.habits.leg_tilt_rad), math.sin(self.habits.leg_tilt_rad)
+        c, s = math.cos(tilt_rad), math.sin(tilt_rad)
         x, z = c * along - s * UP, -c * UP - s * along
-        return Pose(leg.position + self.habits.leg_grasp_m * axis, np.column_stack([x, cross(z, x), z]))
+        y = cross(z, x)
+        position = leg.position + self.habits.leg_grasp_m * axis + self.habits.leg_grasp_height_m * UP + aside_m * y
+        return Pose(position, np.column_stack([x, y, z]))
+
+    def _room_at_the_leg(self, scene: Scene, tilt_rad: float) -> float | None:
+        """Smallest shift across the leg with which the hand keeps clear of the other parts; None if there is none."""
+        obstacles = obstacle_points(self._task, scene, grasped=self.view.leg_index)
+        for aside in (0.0, _FINGER_PLAY_M, -_FINGER_PLAY_M):
+            if has_room(self._leg_grasp(scene, tilt_rad, aside), obstacles):
+                return aside
+        return None
 
     def _standing(self, scene: Scene) -> Pose:
         leg = self.view.leg(scene)

@@ -13,6 +13,7 @@ from juicer.teleoperation.pose import UP, Matrix, Pose, Vector, angle_between, h
 from juicer.teleoperation.scene import Scene
 
 TOP_HALF_WIDTH_M, WALL_M, LEG_WIDTH_M = 0.08125, 0.00625, 0.030
+LEG_HALF_SIZE_M = np.array([0.015, 0.056, 0.015])
 HOME_XY = tuple(corner - TOP_HALF_WIDTH_M for corner in FENCE_CORNER_XY)
 """Where the top's centre is when it lies in the corner of the fence [m]."""
 
@@ -46,7 +47,7 @@ class OneLegView:
     def __init__(self, task: AssemblyTask) -> None:
         """Look at the task's first pair."""
         pair = task.pairs[0]
-        self._top, self._leg = pair.first, pair.second
+        self._top, self.leg_index = pair.first, pair.second
         self._seat = np.array(pair.targets[pair.operator_target][:3])
 
     def top(self, scene: Scene) -> Pose:
@@ -55,7 +56,7 @@ class OneLegView:
 
     def leg(self, scene: Scene) -> Pose:
         """Pose of the leg."""
-        return scene.part(self._leg)
+        return scene.part(self.leg_index)
 
     def top_yaw(self, scene: Scene) -> float:
         """How far the top is turned from its place in the corner [rad]."""

@@ -89,7 +89,7 @@ def reach(scene: Scene, goal: Goal, gripper: float, pace: Pace, done: Test, phas
 
 
 def descend(scene: Scene, grasp: Goal, clearance_m: float, pace: Pace, phase: str) -> Skill:
-    """Come down on a grasp with the gripper open: the nearer and the better turned, the lower."""
+    """Come down on a grasp with the gripper open, until something stops the hand: the better placed, the lower."""
 
     def goal(scene: Scene) -> Pose:
         pose = grasp(scene)
@@ -98,7 +98,8 @@ def descend(scene: Scene, grasp: Goal, clearance_m: float, pace: Pace, phase: st
         turn = length(turn_between(scene.hand.rotation, pose.rotation))
         return above(pose, min(clearance_m, max(0.0, aside - 0.004) + 0.15 * max(0.0, turn - 0.05)))
 
-    return reach(scene, goal, OPEN, pace, near(grasp, 0.004, math.radians(3)), phase)
+    arrived, stall = near(grasp, 0.004, math.radians(3)), Stall()
+    return reach(scene, goal, OPEN, pace, lambda scene: arrived(scene) or stall(scene), phase)
 
 
 def rise(scene: Scene, height_m: float, gripper: float, pace: Pace, phase: str) -> Skill:
