@@ -1,0 +1,154 @@
+"""The command line: one sentence for every mistake, an exit status to rely on, JSON for machines."""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from flows.cli import call
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.store import ArtifactStore
+from juicer.storage.episodes import write_episodes
+
+SMOKE = Path(__file__).parents[2] / "configs" / "smoke.yaml"
+
+
+@pytest.fixture
+def store(tmp_path, monkeypatch):
+    monkeypatch.setenv("JUICER_DATA", str(tmp_path / "data"))
+    return ArtifactStore(tmp_path / "data")
+
+
+@pytest.fixture
+def episodes(store, episode_factory):
+    recipe = Recipe("ingest", "episodes", config={"a": 1})
+    with store.create(recipe) as draft:
+        write_episodes(draft.path, [episode_factory(5, seed=3)], {})
+        draft.summary |= {"episodes": 1, "steps": 5}
+    return recipe.ref
+
+
+@pytest.fixture
+def annotations(store, episodes):
+    recipe = Recipe("annotate", "annotations", inputs={"episodes": (episodes,)})
+    with store.create(recipe) as draft:
+        (draft.path / "annotations.parquet").write_bytes(b"rows")
+    return recipe.ref
+
+
+def json_of(capsys, *arguments):
+    assert call([*arguments, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def complaint(capsys, *arguments):
+    assert call([*arguments]) == 1
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    (line,) = captured.err.splitlines()
+    assert line.startswith("juicer: ")
+    return line
+
+
+def test_help_comes_at_once():
+    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    command = [sys.executable, "-X", "importtime", "-m", "flows.cli", "--help"]
+    result = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before < 1
+    assert "lineage" in result.stdout
+    for heavy in ("torch", "mujoco", "prefect", "mlflow", "numpy", "pydantic"):
+        assert f"| {heavy}\n" not in result.stderr
+
+
+def test_listing_does_not_import_what_it_does_not_need(store, episodes):
+    command = [sys.executable, "-X", "importtime", "-m", "flows.cli", "ls"]
+    result = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert episodes.id in result.stdout
+    for heavy in ("torch", "mujoco", "prefect", "mlflow", "zarr"):
+        assert f"| {heavy}\n" not in result.stderr
+
+
+def test_artifacts_are_listed_shown_and_traced(capsys, store, episodes, annotations):
+    assert [entry["ref"] for entry in json_of(capsys, "ls")] == [str(episodes), str(annotations)]
+    assert [entry["ref"] for entry in json_of(capsys, "ls", "episodes")] == [str(episodes)]
+    assert json_of(capsys, "show", episodes.id[:6])["summary"] == {"episodes": 1, "steps": 5}
+    assert json_of(capsys, "lineage", annotations.id)[-1] == {"ref": str(annotations), "parents": [str(episodes)]}
+    assert json_of(capsys, "verify") == {"checked": 2, "damaged": {}}
+    for command in (["ls"], ["show", episodes.id], ["lineage", annotations.id], ["verify", episodes.id]):
+        assert call(command) == 0
+    assert f"└─ {episodes}" in capsys.readouterr().out
+
+
+def test_empty_store_is_no_error(capsys, store):
+    assert call(["ls"]) == 0
+    assert "no artifacts" in capsys.readouterr().out
+    assert json_of(capsys, "verify") == {"checked": 0, "damaged": {}}
+
+
+def test_damage_is_found_and_fails_the_command(capsys, store, episodes):
+    (store.open(episodes) / "episodes.parquet").write_bytes(b"damaged")
+    assert "1 of 1 artifacts are damaged" in complaint(capsys, "verify")
+    assert call(["verify", "--json"]) == 1
+    assert str(episodes) in json.loads(capsys.readouterr().out)["damaged"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["ls", "episode"], "unknown kind of artifact 'episode'; did you mean 'episodes'?"),
+        (["show", "abc"], "no artifact answers to 'abc'"),
+        (["run", "gone.yaml"], "'gone.yaml' does not exist"),
+        (["run", str(SMOKE), "--set", "evaluat.episodes=3"], "'evaluat'; did you mean 'evaluate'?"),
+        (["run", str(SMOKE), "--set", "evaluate.episodes"], "must look like key=value"),
+        (["run", str(SMOKE), "--set", "logs=/nowhere"], "folder '/nowhere' does not exist"),
+        (["stage", "trian", "--config", str(SMOKE)], "unknown stage 'trian'; did you mean 'train'?"),
+        (["explain", "train", "-c", str(SMOKE), "--condition", "tai"], "unknown condition 'tai'; did you mean 'ta'?"),
+        (["explain", "train", "-c", str(SMOKE), "--seed", "5"], "the study has no seed 5"),
+        (["explain", "report", "-c", str(SMOKE)], "the report needs evaluations that are not in the store"),
+    ],
+)
+def test_mistake_gets_one_sentence(capsys, store, arguments, message):
+    assert message in complaint(capsys, *arguments)
+
+
+def test_artifact_of_the_wrong_kind_is_named(capsys, store, episodes, annotations, tmp_path):
+    assert "of kind 'episodes' but 'checkpoint' is needed" in complaint(capsys, "evaluate", episodes.id)
+    video = str(tmp_path / "film.mp4")
+    assert "holds no episodes to replay" in complaint(capsys, "replay", annotations.id, "--video", video)
+    assert "has episodes 0 to 0, not 4" in complaint(capsys, "replay", episodes.id, "-k", "4", "--video", video)
+    assert "folder" in complaint(capsys, "replay", episodes.id, "--video", "/nowhere/film.mp4")
+
+
+def test_misspelt_variable_is_refused(capsys, store, monkeypatch):
+    monkeypatch.setenv("JUICER_STOER", "x")
+    assert "did you mean 'JUICER_STORE'?" in complaint(capsys, "ls")
+
+
+def test_wrong_call_shows_usage_and_ends_with_2(capsys):
+    assert call(["ls", "--jsno"]) == 2
+    assert "--jsno" in capsys.readouterr().err
+
+
+def test_missing_stage_is_explained(capsys, store):
+    (entry,) = json_of(capsys, "explain", "train", "-c", str(SMOKE), "--condition", "bc")
+    assert not entry["hit"]
+    assert call(["explain", "ingest", "-c", str(SMOKE)]) == 0
+    assert "the stage has made no artifact before" in capsys.readouterr().out
+
+
+def test_deployments_need_a_server(capsys, store, monkeypatch):
+    monkeypatch.delenv("PREFECT_API_URL", raising=False)
+    assert "start one with `juicer ui`" in complaint(capsys, "serve")
+
+
+def test_port_in_use_is_named(capsys, store):
+    import socket
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = str(listener.getsockname()[1])
+        assert f"port {port} for MLflow is in use" in complaint(capsys, "ui", "--mlflow-port", port)

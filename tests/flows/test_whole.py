@@ -1,0 +1,113 @@
+"""The real thing in small: every stage of a study from the command line, in Prefect, with MLflow."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+SMOKE = Path(__file__).parents[2] / "configs" / "smoke.yaml"
+# A policy that opens the gripper over parts that are already assembled is too much to ask of one that learned for
+# seconds: everything beyond `select` is tried with the stages themselves.
+RUN = ["run", str(SMOKE), "--set", "record.demonstrations=3", "--set", "evaluate.episodes=2"]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    return tmp_path_factory.mktemp("whole") / "data"
+
+
+def juicer(data, *arguments, **options):
+    environment = {**os.environ, "JUICER_DATA": str(data)}
+    command = [sys.executable, "-m", "flows.cli", *arguments]
+    return subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+
+
+def finish(process, status=0):
+    out, err = process.communicate(timeout=280)
+    assert process.returncode == status, err
+    return out, err
+
+
+@pytest.fixture(scope="module")
+def first(data):
+    """The first run, after one that was killed and one that was interrupted."""
+    for number in (signal.SIGKILL, signal.SIGINT):
+        process = juicer(data, *RUN)
+        for line in process.stderr:
+            if "begins" in line:
+                break
+        time.sleep(3)
+        os.killpg(process.pid, number) if number == signal.SIGINT else process.kill()
+        _, err = process.communicate(timeout=60)
+        if number == signal.SIGINT:
+            assert process.returncode == 130, err
+            assert err.strip().splitlines()[-1].startswith("juicer: interrupted; nothing is half-written")
+    return json.loads(finish(juicer(data, *RUN, "--json"))[0])
+
+
+def test_study_ends_with_a_table_and_the_finding_that_nothing_succeeded(first):
+    assert [row["condition"] for row in first["table"]] == ["BC"]
+    (finding,) = first["findings"]
+    assert finding.startswith("TA+CI, seed 0: no successful rollout to retrain on")
+    assert first["report"]
+
+
+def test_nothing_half_written_is_left(data, first):
+    drafts = data / ".work" / "drafts"
+    assert not list(drafts.iterdir())
+    assert json.loads(finish(juicer(data, "verify", "--json"))[0])["damaged"] == {}
+
+
+def test_uninterrupted_run_ends_with_the_same_artifacts(data, first, tmp_path):
+    again = json.loads(finish(juicer(tmp_path / "data", *RUN, "--set", "conditions=[bc]", "--json"))[0])
+    (model,) = again["models"]
+    assert model == first["models"][0]
+    _, err = finish(juicer(tmp_path / "data", *RUN, "--set", "conditions=[bc]"))
+    assert "starting a Prefect server" not in err
+    assert "begins" not in err
+
+
+def test_prefect_kept_the_states_and_mlflow_the_runs(data, first):
+    with sqlite3.connect(data / "prefect.db") as database:
+        flow_runs = {state for (state,) in database.execute("select state_name from flow_run")}
+        states = {state for (state,) in database.execute("select state_name from task_run")}
+    assert "Completed" in flow_runs
+    assert {"Completed", "Reused"} <= states
+    with sqlite3.connect(data / "mlflow.db") as database:
+        runs = dict(database.execute("select name, status from runs"))
+        models = {name for (name,) in database.execute("select name from registered_models")}
+    assert runs == {"BC": "FINISHED", "TA+CI": "FINISHED", "bc seed 0": "FINISHED", "ta_ci seed 0": "FINISHED"}
+    assert models == {"one_leg.bc", "one_leg.ta_ci"}
+
+
+def test_single_stage_is_forced_to_run_again_with_the_same_id(data, first):
+    out, err = finish(juicer(data, "stage", "evaluate", "-c", str(SMOKE), *RUN[2:], "--condition", "bc", "--force"))
+    assert out.split() == [first["models"][0]["evaluation"]]
+    assert "evaluate  bc seed 0                begins" in err
+
+
+def test_damaged_checkpoint_is_repaired(data, first):
+    checkpoint = first["models"][0]["checkpoint"]
+    weights = data / checkpoint / "weights.safetensors"
+    whole = weights.read_bytes()
+    weights.write_bytes(whole[:-1] + b"x")
+    _, err = finish(juicer(data, "evaluate", checkpoint, "-n", "1", "--seed-start", "9"), status=1)
+    assert f"recompute it with `juicer repair {checkpoint.partition('/')[2]}`" in err
+    finish(juicer(data, "repair", checkpoint))
+    assert weights.read_bytes() == whole
+    finish(juicer(data, "evaluate", checkpoint, "-n", "1", "--seed-start", "9"))
+
+
+def test_stage_without_its_inputs_says_what_to_run_first(tmp_path):
+    _, err = finish(juicer(tmp_path / "data", "stage", "train", "-c", str(SMOKE), "--condition", "bc"), status=1)
+    assert "needs what ingest makes, and the store lacks it" in err
