@@ -74,8 +74,10 @@ def opened(
         if config is None or not settings.tracks:
             yield Opened(session, board, None)
             return
-        courier = Courier(settings.folder / "tracking", destination(settings), store, board.say)
-        tracking = Tracking(settings.folder / "tracking", config)
+        place = destination(settings)
+        journals = place.folder(settings.folder / "tracking")
+        courier = Courier(journals, place, store, board.say)
+        tracking = Tracking(journals, config)
         courier.start()
         patience = DELIVERY_SECONDS
         try:

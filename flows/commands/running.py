@@ -87,7 +87,7 @@ def server_loss_explained() -> Iterator[None]:
         yield
     except httpx.TransportError as error:
         raise ServiceUnavailable(
-            f"the Prefect server went away ({error}); what was made is in the store, the same command goes on from there"
+            f"the Prefect server went away ({error}); what was made is in the store, the same command goes on"
         ) from None
 
 

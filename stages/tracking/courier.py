@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
+import socket
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 
 from filelock import FileLock, Timeout
 
@@ -22,6 +25,7 @@ logger = logging.getLogger(__name__)
 
 ROUND_SECONDS = 5.0
 RETRY_SECONDS = 30.0
+CONNECT_SECONDS = 5.0
 LOCK = "courier.lock"
 """One courier at a time, which also keeps a new database from being initialised twice at once."""
 
@@ -37,6 +41,21 @@ class Destination:
 
     uri: str
     artifact_root: Path | None = None
+
+    def folder(self, below: Path) -> Path:
+        """Where the journals meant for it are; another destination must not get them."""
+        return below / hashlib.sha256(self.uri.encode()).hexdigest()[:8]
+
+    def check(self) -> None:
+        """Make a connection, if it is a server.
+
+        Raises:
+            OSError: If none can be made.
+        """
+        parts = urlsplit(self.uri)
+        if parts.scheme in ("http", "https"):
+            port = parts.port or (443 if parts.scheme == "https" else 80)
+            socket.create_connection((parts.hostname or "", port), timeout=CONNECT_SECONDS).close()
 
 
 def initialise(folder: Path, destination: Destination) -> None:
@@ -64,7 +83,7 @@ class Courier:
         """Prepare; nothing is touched before :meth:`start`.
 
         Args:
-            folder: Where the journals are.
+            folder: Where the journals are, those meant for the destination.
             destination: Where they are delivered to.
             store: Where the artifacts are that they name.
             warn: Told, once, if MLflow cannot be used.
@@ -93,8 +112,7 @@ class Courier:
     def pending(self) -> bool:
         """Whether a journal holds events that were not delivered."""
         return any(
-            journal.path.stat().st_size > DeliveryState.load(journal, self._destination.uri).offset
-            for journal in journals(self._folder)
+            journal.path.stat().st_size > DeliveryState.load(journal).offset for journal in journals(self._folder)
         )
 
     def _work(self) -> None:
@@ -123,6 +141,7 @@ class Courier:
         return True
 
     def _connected(self) -> Delivery:
+        self._destination.check()
         if self._delivery is None:
             from stages.tracking.delivery import Delivery
 
@@ -139,15 +158,14 @@ class Courier:
             self._deliver_one(delivery, journal, entries)
 
     def _deliver_one(self, delivery: Delivery, journal: Journal, entries: list[Entry]) -> None:
-        uri = self._destination.uri
-        state = DeliveryState.load(journal, uri)
+        state = DeliveryState.load(journal)
         news = [entry for entry in entries if entry.end > state.offset]
         if not news:
             return
         key = _parent_of(entries)
-        parent = DeliveryState.load(Journal(self._folder, key), uri) if key else None
+        parent = DeliveryState.load(Journal(self._folder, key)) if key else None
         for progress in delivery.deliver(news, state, parent):
-            progress.save(journal, uri)
+            progress.save(journal)
 
 
 def _parent_of(entries: list[Entry]) -> str | None:

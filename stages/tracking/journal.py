@@ -6,7 +6,6 @@ the process is killed; the journal is delivered when either is back.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import time
 from collections.abc import Mapping
@@ -91,28 +90,28 @@ class Journal:
 
 @dataclass
 class DeliveryState:
-    """How far a journal was delivered to one destination, and as which MLflow run."""
+    """How far a journal was delivered, and as which MLflow run."""
 
     run_id: str = ""
     experiment_id: str = ""
     offset: int = 0
 
     @classmethod
-    def load(cls, journal: Journal, uri: str) -> Self:
-        """State for a destination; a destination that was never delivered to starts at the beginning."""
-        path = _state_path(journal, uri)
+    def load(cls, journal: Journal) -> Self:
+        """State of a journal; one that was never delivered starts at the beginning."""
+        path = _state_path(journal)
         return cls(**json.loads(path.read_text())) if path.exists() else cls()
 
-    def save(self, journal: Journal, uri: str) -> None:
-        """Replace the state for a destination."""
-        path = _state_path(journal, uri)
+    def save(self, journal: Journal) -> None:
+        """Replace the state of a journal."""
+        path = _state_path(journal)
         draft = path.with_suffix(".draft")
         draft.write_text(json.dumps(asdict(self)))
         draft.replace(path)
 
 
-def _state_path(journal: Journal, uri: str) -> Path:
-    return journal.path.with_name(f"{journal.key}.{hashlib.sha256(uri.encode()).hexdigest()[:8]}.json")
+def _state_path(journal: Journal) -> Path:
+    return journal.path.with_name(f"{journal.key}.state.json")
 
 
 def journals(folder: Path) -> list[Journal]:

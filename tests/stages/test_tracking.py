@@ -127,6 +127,10 @@ def test_database_that_cannot_be_used_costs_a_sentence_and_nothing_is_lost(folde
     assert "cannot be used" in warning
     assert "records wait in" in warning
 
+    done, (warning,) = deliver(folder, store, "http://127.0.0.1:9")
+    assert not done
+    assert "MLflow at 'http://127.0.0.1:9' cannot be used ([Errno 111] Connection refused)" in warning
+
     uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
     assert deliver(folder, store, uri, tmp_path / "files") == (True, [])
     client, child = _look(uri, record.journal)
@@ -148,4 +152,4 @@ def _look(uri, journal):
     from mlflow import MlflowClient
 
     client = MlflowClient(uri)
-    return client, client.get_run(DeliveryState.load(journal, uri).run_id)
+    return client, client.get_run(DeliveryState.load(journal).run_id)
