@@ -23,7 +23,7 @@ def serve_flows() -> None:
     from flows.collect_infer import collect_infer
     from flows.single_stage import single_stage
     from flows.study import study
-    from stages.catalog import STAGES
+    from stages.names import STAGES
 
     deployments: list[Any] = [
         collect_infer.to_deployment("loop", description="The whole loop for one model.", tags=["juicer"]),

@@ -11,7 +11,7 @@ from flows.conditions import METHODS, Condition
 from flows.config import RunConfig
 from juicer.artifacts.code_version import code_version
 from juicer.evaluation import ConditionResult, markdown_table
-from stages.catalog import STAGES
+from stages.names import STAGES
 from stages.tracking.journal import FINISHED
 from stages.tracking.record import ModelRecord, RunDescription, RunRecord
 

@@ -6,10 +6,8 @@ import importlib
 from typing import Any
 
 from juicer.errors import ConfigError, did_you_mean
+from stages.names import STAGES
 from stages.stage import Stage
-
-STAGES = ("record", "ingest", "annotate", "augment", "train", "collect", "select", "evaluate", "report")
-"""In the order of the loop."""
 
 
 def find_stage(name: str) -> Stage[Any]:

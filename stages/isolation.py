@@ -29,20 +29,22 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import StageDied
 from juicer.progress import MetricSink, Progress
+from stages.names import STAGES
 from stages.session import StageContext, StageInterrupted
 
 PRELOADED = (
     "torch",
     "mujoco",
-    "zarr",
     "numcodecs.blosc",
     "pyarrow.parquet",
-    "juicer.sim.env",
     "juicer.policy.checkpoint",
     "juicer.training.trainer",
-    "juicer.storage.episodes",
+    "juicer.reporting.page",
+    "stages.report_films",
+    *(f"stages.{name}" for name in STAGES),
 )
-"""Imported once by the process from which all stage processes are forked."""
+"""Imported once, by the process from which all stage processes are forked: it saves their time, and code that is
+edited during a run does not become part of it."""
 
 REPORT_SECONDS = 0.1
 POLL_SECONDS = 0.2
