@@ -8,6 +8,7 @@ import pytest
 
 from flows.conditions import METHODS, Condition
 from flows.config import CollectInferConfig, StudyConfig, load_run
+from juicer.augmentation.config import PAPER_AUGMENTATION
 from juicer.errors import ConfigError
 from juicer.evaluation import Purpose, claim
 
@@ -103,3 +104,10 @@ def test_study_can_be_narrowed_to_what_it_has():
     with pytest.raises(ConfigError, match=r"no seed 7; its seeds are 0, 1"):
         study.narrowed(None, 7)
     assert CollectInferConfig().narrowed(Condition.BC, 4).seeds == (4,)
+
+
+def test_paper_augments_as_the_paper_does():
+    config = load_run(CONFIGS / "paper.yaml")
+    for section, count in ((config.augment, 50), (config.augment_retraining, 150)):
+        expected = PAPER_AUGMENTATION.model_copy(update={"num_snippets": count})
+        assert section.model_dump(exclude={"seed"}) == expected.model_dump()
