@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -13,8 +13,9 @@ from juicer.annotation import AnnotationConfig
 from juicer.config import StrictConfig, override, parse_config, read_mapping
 from juicer.errors import ConfigError, did_you_mean
 from juicer.ingestion import IngestionConfig
+from juicer.policy.config import HorizonConfig, MLPConfig, PolicyConfig
 from juicer.tasks.specification import Randomness
-from juicer.training.config import OriginalStateNoise, PhysicalStateNoise
+from juicer.training.config import OriginalStateNoise, PhysicalStateNoise, TrainingConfig, WindowConfig
 from stages.augment import AugmentConfig
 from stages.collect import CollectConfig
 from stages.evaluate import EvaluateConfig
@@ -30,12 +31,35 @@ _SCENE = {
 """Sections that take over a value of the top level unless they set their own."""
 
 
+class ChunkedConfig(TrainConfig):
+    """Training of the regression baseline that predicts chunks."""
+
+    policy: PolicyConfig = PolicyConfig(head=MLPConfig())
+
+
+class UnchunkedConfig(TrainConfig):
+    """Training of the regression baseline that predicts one action at a time."""
+
+    policy: PolicyConfig = PolicyConfig(head=MLPConfig(), horizons=HorizonConfig(pred=1, action=1))
+    training: TrainingConfig = TrainingConfig(windows=WindowConfig(back_padding=0))
+
+
 class PoliciesConfig(StrictConfig):
     """The three policies of the paper's comparison, and how each is trained."""
 
     diffusion: TrainConfig = TrainConfig()
-    mlp_chunked: TrainConfig = TrainConfig()
-    mlp_unchunked: TrainConfig = TrainConfig()
+    mlp_chunked: ChunkedConfig = ChunkedConfig()
+    mlp_unchunked: UnchunkedConfig = UnchunkedConfig()
+
+    @model_validator(mode="after")
+    def _are_what_they_are_called(self) -> Self:
+        for name, kind in (("diffusion", "diffusion"), ("mlp_chunked", "mlp"), ("mlp_unchunked", "mlp")):
+            found = getattr(self, name).policy.head.kind
+            if found != kind:
+                raise ValueError(f"{name}.policy.head must be of kind '{kind}', got '{found}'")
+        if self.mlp_unchunked.policy.horizons.pred != 1:
+            raise ValueError("mlp_unchunked.policy.horizons.pred must be 1; that is what unchunked means")
+        return self
 
 
 class LoopConfig(StrictConfig):

@@ -47,7 +47,7 @@ def test_base_is_overruled_by_the_file_and_the_file_by_the_command_line(tmp_path
 
 
 def test_task_and_randomness_reach_every_section_that_does_not_set_its_own(tmp_path):
-    config = load_run(write(tmp_path, "randomness: med\nevaluate: {randomness: high}\n"))
+    config = load_run(write(tmp_path, "task: one_leg\nrandomness: med\nevaluate: {randomness: high}\n"))
     assert config.record.randomness == config.collect.randomness == "med"
     assert config.evaluate.randomness == "high"
     assert config.train.diffusion.task == "one_leg"
@@ -62,6 +62,7 @@ def test_task_and_randomness_reach_every_section_that_does_not_set_its_own(tmp_p
         ("rounds: 0\n", r"rounds: Input should be greater than 0, got 0"),
         ("condition: bcc\n", r"condition: Input should be 'bc'"),
         ("flow: study\nseeds: [1, 1]\n", "each may be named only once"),
+        ("train: {mlp_chunked: {policy: {head: {kind: diffusion}}}}\n", "head must be of kind 'mlp', got 'diffusion'"),
         ("base: gone.yaml\n", r"gone\.yaml' does not exist"),
         ("- 1\n", "must hold a mapping"),
         ("train: {diffusion: {training: {step: 3}}}\n", r"'train\.diffusion\.training\.step'; did you mean 'steps'\?"),

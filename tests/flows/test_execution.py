@@ -1,0 +1,110 @@
+"""Models run side by side; what goes wrong in one is no reason to lose the others."""
+
+from __future__ import annotations
+
+import threading
+
+import pytest
+
+from flows.conditions import Condition
+from flows.config import StudyConfig
+from flows.execution import RunOutcome, execute, run_models
+from flows.tracked import Tracking
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.store import ArtifactStore
+from juicer.episode import Outcome
+from juicer.errors import NothingLeft, TrainingFailed
+from juicer.storage.tables import EvaluationRow, write_evaluation
+from stages.evaluate import facts
+from stages.session import Session, StageInterrupted
+from stages.tracking.journal import END, MADE, RESULT, journals
+
+STUDY = StudyConfig(name="study", conditions=(Condition.BC, Condition.CI), seeds=(0,))
+
+
+class Stub:
+    """Performs stage calls in thought, except where it was told otherwise."""
+
+    def __init__(self, store, errors=None):
+        self.store, self.errors, self.calls, self.lock = store, errors or {}, [], threading.Lock()
+
+    def __call__(self, call, session):
+        with self.lock:
+            self.calls.append((call.stage.name, session.label))
+        if error := self.errors.get((call.stage.name, session.label)) or self.errors.get(call.stage.name):
+            raise error
+        if call.stage.name == "evaluate" and not self.store.find(call.recipe):
+            rows = [EvaluationRow(index, 3_000_000 + index, Outcome.SUCCESS, 1, 9) for index in range(4)]
+            with self.store.create(call.recipe) as draft:
+                write_evaluation(draft.path, rows)
+                draft.summary |= facts(rows, ("screwed",))
+        session.record.made(call.recipe.ref, call.stage.name)
+        return call.recipe.ref
+
+
+@pytest.fixture
+def store(tmp_path):
+    return ArtifactStore(tmp_path / "store")
+
+
+def test_no_success_to_retrain_on_is_a_finding_not_a_failure(store):
+    stub = Stub(store, {"select": NothingLeft("no successful rollout to retrain on: none of 4")})
+    outcome = RunOutcome(tuple(run_models(Session(store, perform=stub), STUDY)), None)
+    bc, ci = outcome.models
+    assert bc.evaluation is not None
+    assert ci.evaluation is None
+    assert outcome.findings == ("CI, seed 0: no successful rollout to retrain on: none of 4",)
+    assert [row.condition for row in outcome.results(store)] == ["BC"]
+
+
+def test_failure_of_one_model_waits_for_the_others(store):
+    stub = Stub(store, {("collect", "ci seed 0 round 1"): TrainingFailed("odd")})
+    with pytest.raises(TrainingFailed, match="odd"):
+        run_models(Session(store, perform=stub), STUDY)
+    assert ("evaluate", "bc seed 0") in stub.calls
+
+
+def test_interrupt_reaches_the_stages(store):
+    session = Session(store, perform=Stub(store, {"train": StageInterrupted()}))
+    with pytest.raises(StageInterrupted):
+        run_models(session, STUDY)
+
+
+def test_records_hold_a_run_a_condition_and_a_run_a_model(store, tmp_path):
+    stub = Stub(store)
+    tracking = Tracking(tmp_path / "tracking", STUDY)
+    execute(Session(store, perform=stub), STUDY, tracking)
+    found = {}
+    for journal in journals(tmp_path / "tracking"):
+        entries = [entry.content for entry in journal.entries()]
+        found[entries[0]["name"]] = entries
+    assert set(found) == {"BC", "CI", "bc seed 0", "ci seed 0"}
+    assert found["ci seed 0"][0]["tags"]["juicer.model"] == "one_leg.ci"
+    assert all(entries[-1]["event"] == END for entries in found.values())
+    assert {entry["status"] for entries in found.values() for entry in entries if entry["event"] == END} == {"FINISHED"}
+    (result,) = [entry for entry in found["CI"] if entry["event"] == RESULT]
+    assert result["metrics"]["success_rate"] == 1.0
+    assert "| CI |" in result["table"]
+    made = {entry["stage"] for entry in found["CI"] if entry["event"] == MADE}
+    assert {"ingest", "select", "report"} <= made
+
+
+def test_models_that_finished_are_recorded_as_finished_when_another_fails(store, tmp_path):
+    stub = Stub(store, {("collect", "ci seed 0 round 1"): TrainingFailed("odd")})
+    tracking = Tracking(tmp_path / "tracking", STUDY)
+    with pytest.raises(TrainingFailed):
+        execute(Session(store, perform=stub), STUDY, tracking)
+    ends = {}
+    for journal in journals(tmp_path / "tracking"):
+        entries = [entry.content for entry in journal.entries()]
+        ends[entries[0]["name"]] = entries[-1]["status"]
+    assert ends == {"BC": "FINISHED", "bc seed 0": "FINISHED", "CI": "FAILED", "ci seed 0": "FAILED"}
+
+
+def test_outcome_for_machines_names_everything(store):
+    outcome = execute(Session(store, perform=Stub(store)), STUDY, None)
+    content = outcome.to_json(store)
+    assert [model["condition"] for model in content["models"]] == ["bc", "ci"]
+    assert content["table"][0]["episodes"] == 4
+    assert content["report"].startswith("report/")
+    assert Recipe.from_json(Recipe("a", "report").to_json()).kind == "report"

@@ -1,0 +1,82 @@
+"""A plan knows every id before anything runs, and that conditions share what they have in common."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from flows.conditions import Condition
+from flows.config import CollectInferConfig, StudyConfig
+from flows.plan import calls_of, is_complete, missing_inputs, plan
+from juicer.artifacts.store import ArtifactStore
+from juicer.errors import ConfigError
+
+
+@pytest.fixture
+def store(tmp_path):
+    return ArtifactStore(tmp_path)
+
+
+def by_label(planned, stage):
+    return {entry.label: entry.ref for entry in planned if entry.stage == stage}
+
+
+def test_conditions_share_all_that_they_have_in_common(store):
+    planned = plan(store, StudyConfig(seeds=(0, 1)))
+    counts = Counter(entry.stage for entry in planned)
+    assert (counts["record"], counts["ingest"], counts["annotate"], counts["augment"]) == (1, 1, 1, 1)
+    # Two of the seven conditions begin as BC and as TA, and train once more.
+    assert (counts["train"], counts["collect"], counts["select"], counts["evaluate"]) == (14, 4, 4, 14)
+
+
+def test_collecting_begins_with_the_model_of_the_plain_condition(store):
+    planned = plan(store, StudyConfig(conditions=(Condition.TA, Condition.TA_CI), seeds=(0,)))
+    trained = by_label(planned, "train")
+    (collected,) = calls_of(planned, "collect")
+    assert collected.call.recipe.parents == (trained["ta seed 0"],)
+    assert set(trained) == {"ta seed 0", "ta_ci seed 0 round 1"}
+
+
+def test_retraining_is_training_with_more_references(store):
+    planned = plan(store, CollectInferConfig(condition=Condition.CI, rounds=2))
+    first, second, third = calls_of(planned, "train")
+    assert first.call.recipe.inputs.keys() == {"episodes"}
+    assert [len(call.call.recipe.inputs["selections"]) for call in (second, third)] == [1, 2]
+    assert second.call.recipe.config == first.call.recipe.config
+
+
+def test_augmentation_of_retraining_can_differ(store):
+    config = CollectInferConfig(augment={"num_snippets": 50}, augment_retraining={"num_snippets": 150})
+    planned = plan(store, config)
+    assert [entry.call.recipe.config["num_snippets"] for entry in calls_of(planned, "augment")] == [50, 150]
+
+
+def test_plan_is_the_same_whatever_the_machine_does_beside(store):
+    config = StudyConfig(conditions=(Condition.BC,), seeds=(0,))
+    assert [entry.ref for entry in plan(store, config)] == [entry.ref for entry in plan(store, config)]
+    assert store.refs() == []
+    assert not is_complete(store, config)
+
+
+def test_missing_inputs_are_named_by_the_stage_that_makes_them(store):
+    planned = plan(store, CollectInferConfig(condition=Condition.TA))
+    (training,) = calls_of(planned, "train")
+    assert missing_inputs(store, training, planned) == ["augment", "ingest"]
+
+
+def test_stage_that_a_run_does_not_have_is_named(store):
+    planned = plan(store, CollectInferConfig(condition=Condition.BC))
+    with pytest.raises(ConfigError, match="this configuration has no stage 'collect'"):
+        calls_of(planned, "collect")
+
+
+def test_logs_of_a_human_take_the_place_of_the_scripted_operator(store, tmp_path):
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    with pytest.raises(ConfigError, match="holds no operator log"):
+        plan(store, CollectInferConfig(logs=folder))
+    (folder / "a.npz").write_bytes(b"log")
+    planned = plan(store, CollectInferConfig(logs=folder, condition=Condition.BC))
+    assert [entry.stage for entry in planned] == ["ingest", "train", "evaluate"]
+    assert list(planned[0].call.recipe.files) == ["files/a.npz"]
