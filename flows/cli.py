@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from flows.machine import prepare_machine
 from juicer.errors import JuicerError
 
 INTERRUPTED = 130
@@ -188,6 +189,7 @@ def main() -> None:
 
 def call(arguments: list[str]) -> int:
     """Run a command; gives its exit status."""
+    prepare_machine()
     command = typer.main.get_command(app)
     try:
         status = command.main(arguments, prog_name="juicer", standalone_mode=False)

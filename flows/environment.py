@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import sys
 from pathlib import Path
 
 from flows.services import check_reachable, find_services, is_prefect_healthy
@@ -38,12 +37,6 @@ def quiet_environment(settings: Settings) -> dict[str, str]:
     }
 
 
-def prepare_machine() -> None:
-    """Set what MuJoCo reads when it is imported: without a display, it draws through EGL."""
-    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
-        os.environ.setdefault("MUJOCO_GL", "egl")
-
-
 def prefect_database(settings: Settings) -> str:
     """Database of Prefect servers that juicer starts: the temporary one of a flow, and that of ``juicer ui``."""
     return f"sqlite+aiosqlite:///{settings.folder / 'prefect.db'}"
@@ -55,7 +48,6 @@ def prepare_environment(settings: Settings) -> bool:
     Raises:
         ServiceUnavailable: If a Prefect server is configured and does not answer.
     """
-    prepare_machine()
     for name, value in quiet_environment(settings).items():
         os.environ.setdefault(name, value)
     for name in EXTRA_LOGGERS:

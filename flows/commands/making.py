@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flows.commands.output import say, say_json
-from flows.environment import prepare_machine
 from flows.opening import open_store, opened
 from flows.repair import repair
 from flows.settings import read_settings
@@ -34,7 +33,6 @@ def evaluate_checkpoint(text: str, episodes: int, seed_start: int, randomness: s
     from stages.evaluate import EvaluateConfig, evaluate
 
     settings = read_settings()
-    prepare_machine()
     ref = open_store(settings).resolve(text, "checkpoint")
     with opened(settings, None) as surroundings:
         store = surroundings.session.store
@@ -59,7 +57,6 @@ def evaluate_checkpoint(text: str, episodes: int, seed_start: int, randomness: s
 def repair_artifact(text: str, files: Path | None, as_json: bool) -> None:
     """``juicer repair``."""
     settings = read_settings()
-    prepare_machine()
     ref = open_store(settings).resolve(text)
     with opened(settings, None) as surroundings:
         repaired = [str(each) for each in repair(surroundings.session, ref, files)]
@@ -71,7 +68,6 @@ def repair_artifact(text: str, files: Path | None, as_json: bool) -> None:
 
 def replay_episode(text: str, index: int, video: Path, camera: str, speed: int, as_json: bool) -> None:
     """``juicer replay``."""
-    prepare_machine()
     from juicer.sim.film import draw, evenly_spaced, write_strip, write_video
 
     settings = read_settings()

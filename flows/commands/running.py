@@ -12,7 +12,7 @@ import typer
 
 from flows.commands.output import say, say_json, say_table
 from flows.conditions import Condition
-from flows.environment import API_VARIABLE, prepare_environment, prepare_machine
+from flows.environment import API_VARIABLE, prepare_environment
 from flows.settings import Settings, read_settings
 from flows.temporary_server import TemporaryServer
 from juicer.errors import ConfigError, ServiceUnavailable, did_you_mean
@@ -127,7 +127,6 @@ def explain_stage(
 ) -> None:
     """``juicer explain``."""
     settings = read_settings()
-    prepare_machine()
     from flows.config import load_run
     from flows.opening import open_store
     from flows.plan import calls_of, plan
