@@ -3,72 +3,86 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from juicer.tasks.specification import AssemblyTask
 from juicer.teleoperation.pose import Pose, Vector
 from juicer.teleoperation.scene import Scene
 
-# Boxes (low and high corner) of the open hand in the end-effector frame [m]: palm, two fingers.
-_HAND = (
-    ((-0.0316, -0.104, -0.129), (0.0316, 0.100, -0.037)),
-    ((-0.009, 0.032, -0.037), (0.009, 0.048, 0.0095)),
-    ((-0.009, -0.048, -0.037), (0.009, -0.032, 0.0095)),
-)
-_MARGIN_M = 0.003
-_SAMPLES = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 5)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 
+@dataclass(frozen=True)
+class Block:
+    """A box somewhere.
+
+    Attributes:
+        pose: Its centre and axes.
+        half_size: Half extents along them [m].
+    """
+
+    pose: Pose
+    half_size: Vector
+
+
+# The open hand in the end-effector frame: palm, two fingers.
+_HAND = (
+    Block(Pose(np.array([0.0, -0.002, -0.083]), np.eye(3)), np.array([0.0316, 0.102, 0.046])),
+    Block(Pose(np.array([0.0, 0.040, -0.014]), np.eye(3)), np.array([0.009, 0.008, 0.023])),
+    Block(Pose(np.array([0.0, -0.040, -0.014]), np.eye(3)), np.array([0.009, 0.008, 0.023])),
+)
+_MARGIN_M = 0.0
 _SHIFTS_M = (0.03, 0.05, 0.07, 0.09)
 _DIRECTIONS = np.array([[math.cos(angle), math.sin(angle), 0.0] for angle in np.arange(8) * math.pi / 4])
 # Robot base frame (x, y): where a tilted hand can still pick up something that lies on the table.
 _REACHABLE = np.array([[0.32, -0.30], [0.50, 0.30]])
 
 
-def has_room(hand: Pose, obstacles: NDArray[np.float64]) -> bool:
-    """Whether an open hand at a pose keeps clear of all points.
-
-    Args:
-        hand: Pose of the end effector.
-        obstacles: Points ``(N, 3)`` of the robot base frame, see :func:`obstacle_points`.
-    """
-    points = (obstacles - hand.position) @ hand.rotation
-    return not any(
-        bool(((points > np.array(low) - _MARGIN_M) & (points < np.array(high) + _MARGIN_M)).all(axis=1).any())
-        for low, high in _HAND
-    )
+def obstacles(task: AssemblyTask, scene: Scene, grasped: int) -> list[Block]:
+    """Boxes of all parts but the one to be grasped."""
+    return [
+        Block(scene.part(index) @ Pose(np.array(box.center), np.eye(3)), np.array(box.half_size))
+        for index, part in enumerate(task.parts)
+        if index != grasped
+        for box in part.boxes
+    ]
 
 
-def obstacle_points(task: AssemblyTask, scene: Scene, grasped: int) -> NDArray[np.float64]:
-    """Points ``(N, 3)`` in the boxes of all parts but the one to be grasped."""
-    clouds = []
-    for index, part in enumerate(task.parts):
-        if index != grasped:
-            pose = scene.part(index)
-            clouds += [
-                pose.position + (np.array(box.center) + _SAMPLES * np.array(box.half_size)) @ pose.rotation.T
-                for box in part.boxes
-            ]
-    return np.concatenate(clouds)
+def has_room(hand: Pose, blocks: Sequence[Block]) -> bool:
+    """Whether an open hand at a pose keeps clear of all blocks."""
+    return all(_is_clear(Block(hand @ own.pose, own.half_size), blocks) for own in _HAND)
 
 
-def nearest_room(hand: Pose, part: Pose, part_half_size: Vector, obstacles: NDArray[np.float64]) -> Vector | None:
+def nearest_room(hand: Pose, part: Block, blocks: Sequence[Block]) -> Vector | None:
     """Shortest shift along the table by which a part gets clear of the others, and a hand that grasps it too.
 
     Args:
         hand: Pose of the hand that would grasp the part where it is.
-        part: The part's pose.
-        part_half_size: Half extents of a box around it.
-        obstacles: Points ``(N, 3)`` of the robot base frame.
+        part: Box around the part.
+        blocks: Everything else.
     """
     for distance in _SHIFTS_M:
         for direction in _DIRECTIONS:
             shift: Vector = distance * direction
-            place = part.position + shift
-            if (place[:2] < _REACHABLE[0]).any() or (place[:2] > _REACHABLE[1]).any():
+            place = Pose(part.pose.position + shift, part.pose.rotation)
+            reachable = (place.position[:2] >= _REACHABLE[0]).all() and (place.position[:2] <= _REACHABLE[1]).all()
+            if not reachable or not _is_clear(Block(place, part.half_size), blocks):
                 continue
-            inside = np.abs((obstacles - place) @ part.rotation) < part_half_size + _MARGIN_M
-            if not inside.all(axis=1).any() and has_room(Pose(hand.position + shift, hand.rotation), obstacles):
+            if has_room(Pose(hand.position + shift, hand.rotation), blocks):
                 return shift
     return None
+
+
+def _is_clear(block: Block, others: Sequence[Block]) -> bool:
+    return not any(_overlap(block, other) for other in others)
+
+
+def _overlap(first: Block, second: Block) -> bool:
+    """Whether two boxes come nearer than the margin, by the separating-axis test."""
+    left, right = first.pose.rotation, second.pose.rotation
+    crossed = np.cross(left.T[:, None], right.T[None]).reshape(9, 3)
+    axes = np.concatenate([left.T, right.T, crossed])
+    distance = np.abs(axes @ (second.pose.position - first.pose.position))
+    reach = np.abs(axes @ left) @ (first.half_size + _MARGIN_M) + np.abs(axes @ right) @ second.half_size
+    return bool((distance <= reach).all())

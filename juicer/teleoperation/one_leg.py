@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask
-from juicer.teleoperation.gripper_room import has_room, nearest_room, obstacle_points
+from juicer.teleoperation.gripper_room import Block, has_room, nearest_room, obstacles
 from juicer.teleoperation.one_leg_view import (
     HOME_XY,
     LEG_HALF_SIZE_M,
@@ -49,8 +49,8 @@ _STROKE_SINK_M = 0.005
 # Heights of the leg above its seat: the peg's tip is over the rim, over the hole's mouth, inside it, on the beads.
 _OVER_TOP_M, _OVER_HOLE_M, _IN_MOUTH_M, _ON_BEADS_M = 0.061, 0.031, 0.024, 0.018
 _SINK_M = 0.020
-_ALIGNED_M = 0.003
-_CAUGHT_M, _CAUGHT_RAD = 0.006, math.radians(7)
+_ALIGNED_M = 0.0025
+_CAUGHT_M = 0.007
 _UPRIGHT_RAD = math.radians(12)
 _CLEAR_OF_LEG_M = 0.06
 _FINGER_PLAY_M = 0.008
@@ -92,9 +92,9 @@ class OneLegHabits:
             clearance_m=rng.uniform(0.055, 0.075),
             rim_height_m=rng.uniform(0.020, 0.024),
             rim_offset_m=rng.uniform(-0.010, 0.010),
-            leg_tilt_rad=math.radians(rng.uniform(45, 50)),
+            leg_tilt_rad=math.radians(rng.uniform(46, 49)),
             leg_grasp_m=rng.uniform(0.009, 0.014),
-            leg_grasp_height_m=rng.uniform(0.001, 0.004),
+            leg_grasp_height_m=rng.uniform(0.003, 0.006),
             lift_m=rng.uniform(0.055, 0.070),
             via=(rng.uniform(0.50, 0.55), rng.uniform(0.10, 0.14), rng.uniform(0.145, 0.165)),
             screw_grasp_m=rng.uniform(0.010, 0.014),
@@ -157,9 +157,9 @@ class OneLegOperator:
         """Pull the lying leg out from among the other parts with an upright hand, which needs less room."""
         view, habits = self.view, self.habits
         leg = view.leg(scene)
-        obstacles = obstacle_points(self._task, scene, grasped=view.leg_index)
         tilted = self._leg_grasp(scene, habits.leg_tilt_rad, 0.0)
-        shift = nearest_room(tilted, leg, LEG_HALF_SIZE_M, obstacles)
+        others = obstacles(self._task, scene, grasped=view.leg_index)
+        shift = nearest_room(tilted, Block(leg, LEG_HALF_SIZE_M), others)
         if shift is None:
             return scene
         place = Pose(leg.position + shift, leg.rotation)
@@ -195,7 +195,12 @@ class OneLegOperator:
 
         if not upright(scene):
             scene = yield from reach(scene, lambda scene: above(scene.hand, 0.05), CLOSE, pace, lifted, "lift the leg")
-            scene = yield from reach(scene, self._standing, CLOSE, pace, upright, "stand the leg up")
+            stall = Stall()
+            scene = yield from reach(
+                scene, self._standing, CLOSE, pace, lambda scene: upright(scene) or stall(scene), "stand the leg up"
+            )
+            if not upright(scene):
+                return (yield from self._leave(scene, "let go"))
         while view.is_held(scene) and not self._rests_on_beads(scene):
             low = view.seat(scene).height_m < _OVER_HOLE_M + 0.005
             target = towards(scene, self._lowering(scene), pace.at_most(_INSERT_LEAD_M) if low else pace)
@@ -269,9 +274,9 @@ class OneLegOperator:
 
     def _room_at_the_leg(self, scene: Scene, tilt_rad: float) -> float | None:
         """Smallest shift across the leg with which the hand keeps clear of the other parts; None if there is none."""
-        obstacles = obstacle_points(self._task, scene, grasped=self.view.leg_index)
+        others = obstacles(self._task, scene, grasped=self.view.leg_index)
         for aside in (0.0, _FINGER_PLAY_M, -_FINGER_PLAY_M):
-            if has_room(self._leg_grasp(scene, tilt_rad, aside), obstacles):
+            if has_room(self._leg_grasp(scene, tilt_rad, aside), others):
                 return aside
         return None
 
@@ -282,13 +287,12 @@ class OneLegOperator:
     def _lowering(self, scene: Scene) -> Pose:
         """Hand that holds the leg over its hole: the better aligned, the lower."""
         seat = self.view.seat(scene)
-        if seat.height_m < _IN_MOUTH_M and seat.aside_m < _CAUGHT_M and seat.lean_rad < _CAUGHT_RAD:
-            sink = 1.0
-        else:
-            # Wide high up and narrow at the hole's mouth, like a funnel.
-            tolerance = _ALIGNED_M + 0.25 * max(0.0, seat.height_m - _OVER_HOLE_M)
-            error = seat.aside_m + 0.05 * seat.lean_rad
-            sink = min(max(2.0 * (1.0 - error / tolerance), -1.0), 1.0)
+        # Wide high up and narrow at the hole's mouth, like a funnel; inside, the mouth itself leads the peg.
+        tolerance = _ALIGNED_M + 0.25 * max(0.0, seat.height_m - _OVER_HOLE_M)
+        if seat.height_m < _IN_MOUTH_M:
+            tolerance = _CAUGHT_M
+        error = seat.aside_m + 0.05 * seat.lean_rad
+        sink = min(max(2.0 * (1.0 - error / tolerance), -1.0), 1.0)
         height = min(seat.height_m - _SINK_M * sink, _OVER_TOP_M)
         goal = Pose(self.view.seat_point(scene, height), self.view.upright(scene))
         return holding(scene, self.view.leg(scene), goal)
