@@ -23,12 +23,10 @@ from juicer.episode import (
 )
 from juicer.errors import InvalidAction, RejectedLog
 from juicer.geometry import rot6d_to_matrix
+from juicer.gripper import gripper_commands
 from juicer.progress import Progress, silent_progress
 from juicer.tasks.registry import get_task
 from juicer.teleoperation.log import OperatorLog, read_log
-
-GRIPPER_DEAD_ZONE = 0.02
-"""Gripper commands up to this size keep the last one."""
 
 
 class IngestionConfig(StrictConfig):
@@ -91,27 +89,25 @@ def ingest_log(log: OperatorLog, config: IngestionConfig) -> Episode:
     _check_arrays(log)
     _check_actions(log)
     _check_timestamps(log.timestamp_s, config.max_gap_s)
-    keep = steps_to_keep(log.steps["action"][:, -1], log.idle, config.kept_after_toggle)
+    keep = steps_to_keep(log.steps["action"], log.idle, config.kept_after_toggle)
     num_kept = np.count_nonzero(keep)
     if num_kept < config.min_steps:
         raise RejectedLog(f"only {num_kept} of its steps are not idle, at least {config.min_steps} are needed")
     return _episode(log, keep)
 
 
-def steps_to_keep(gripper: NDArray[np.generic], idle: NDArray[np.bool_], kept_after_toggle: int) -> NDArray[np.bool_]:
+def steps_to_keep(actions: NDArray[np.generic], idle: NDArray[np.bool_], kept_after_toggle: int) -> NDArray[np.bool_]:
     """Which steps stay: those in which the operator acted, and those that follow a gripper toggle.
 
     Args:
-        gripper: Gripper commands ``(T,)``; the gripper starts open.
+        actions: Actions ``(T, 10)``; the gripper starts open.
         idle: Whether the operator was idle ``(T,)``.
         kept_after_toggle: Steps after a toggle that stay in any case, for the fingers take time to move.
     """
     keep = ~idle
-    closed = False
-    for step, command in enumerate(np.asarray(gripper, dtype=np.float64)):
-        if abs(command) > GRIPPER_DEAD_ZONE and (command > 0) != closed:
-            closed = not closed
-            keep[step : step + 1 + kept_after_toggle] = True
+    toggles = np.flatnonzero(np.diff(gripper_commands(actions), prepend=-1.0))
+    for step in toggles:
+        keep[step : step + 1 + kept_after_toggle] = True
     return keep
 
 

@@ -69,16 +69,22 @@ def test_idle_steps_are_dropped_and_the_rest_stays_aligned():
     assert episode.record.milestones == {"leg_lifted": 37}
 
 
+def actions_with(gripper: NDArray[np.float64]) -> NDArray[np.float64]:
+    actions = np.zeros((len(gripper), 10))
+    actions[:, -1] = gripper
+    return actions
+
+
 def test_steps_after_a_gripper_toggle_stay_even_if_idle():
     gripper = np.full(40, -1.0)
     gripper[10:] = 1.0
-    keep = steps_to_keep(gripper, np.ones(40, bool), kept_after_toggle=12)
+    keep = steps_to_keep(actions_with(gripper), np.ones(40, bool), kept_after_toggle=12)
     np.testing.assert_array_equal(np.flatnonzero(keep), np.arange(10, 23))
 
 
 def test_opening_an_open_gripper_or_a_tiny_command_is_no_toggle():
     gripper = np.array([-1.0, 0.01, -0.01, -1.0, 0.0])
-    assert not steps_to_keep(gripper, np.ones(5, bool), kept_after_toggle=12).any()
+    assert not steps_to_keep(actions_with(gripper), np.ones(5, bool), kept_after_toggle=12).any()
 
 
 def test_reward_of_a_dropped_step_goes_to_the_step_before():

@@ -16,7 +16,6 @@ from juicer.teleoperation.gripper_room import Block, has_room, nearest_room, obs
 from juicer.teleoperation.one_leg_view import (
     HOME_XY,
     LEG_HALF_SIZE_M,
-    LEG_WIDTH_M,
     TOP_HALF_WIDTH_M,
     WALL_M,
     OneLegView,
@@ -148,7 +147,7 @@ class OneLegOperator:
             return self._leg_grasp(scene, tilt, aside)
 
         scene = yield from descend(scene, grasp, habits.clearance_m, habits.pace, "go to the leg")
-        scene = yield from grip(scene, CLOSE, lambda scene: scene.width < LEG_WIDTH_M + 0.0006, "grasp the leg")
+        scene = yield from grip(scene, CLOSE, view.is_closed_on_leg, "grasp the leg")
         if not view.is_held(scene):
             return (yield from self._leave(scene, "let go"))
         return scene
@@ -176,9 +175,7 @@ class OneLegOperator:
             return length(place.position - view.leg(scene).position) < 0.005 or stall(scene) or not view.is_held(scene)
 
         scene = yield from descend(scene, grasp, habits.clearance_m, habits.pace, "go to the hemmed-in leg")
-        scene = yield from grip(
-            scene, CLOSE, lambda scene: scene.width < LEG_WIDTH_M + 0.0006, "grasp the hemmed-in leg"
-        )
+        scene = yield from grip(scene, CLOSE, view.is_closed_on_leg, "grasp the hemmed-in leg")
         stall = Stall()
         scene = yield from reach(scene, pull, CLOSE, habits.pace.at_most(_PUSH_LEAD_M), pulled, "pull the leg free")
         return (yield from self._leave(scene, "leave the leg"))
@@ -227,7 +224,7 @@ class OneLegOperator:
         )
         if not view.is_engaged(scene):
             return scene
-        scene = yield from grip(scene, CLOSE, lambda scene: scene.width < LEG_WIDTH_M + 0.0006, "grasp for a stroke")
+        scene = yield from grip(scene, CLOSE, view.is_closed_on_leg, "grasp for a stroke")
         stall = Stall()
 
         def turned_enough(scene: Scene) -> bool:

@@ -95,6 +95,10 @@ class OneLegView:
         x, y, z = (self.leg(scene).inverse() @ scene.hand).position.tolist()
         return bool(max(abs(x), abs(z)) < 0.012 and -0.025 < y < 0.035)
 
+    def is_closed_on_leg(self, scene: Scene) -> bool:
+        """Whether the fingers have closed as far as a leg between them lets them."""
+        return scene.width < LEG_WIDTH_M + 0.0006
+
     def is_open(self, scene: Scene) -> bool:
         """Whether the gripper is open."""
         return scene.width > _OPEN_WIDTH_M
