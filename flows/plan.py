@@ -100,7 +100,24 @@ def calls_of(planned: Iterable[PlannedCall], stage: str) -> list[PlannedCall]:
     return chosen
 
 
-def missing_inputs(store: ArtifactStore, entry: PlannedCall, planned: Iterable[PlannedCall]) -> list[str]:
+def ready_calls(store: ArtifactStore, config: RunConfig, stage: str) -> list[PlannedCall]:
+    """Calls of one stage, all of whose inputs are in the store.
+
+    Raises:
+        ConfigError: If the run has no such stage, or an input is not there yet.
+    """
+    planned = plan(store, config)
+    chosen = calls_of(planned, stage)
+    for entry in chosen:
+        if missing := missing_inputs(entry, planned):
+            raise ConfigError(
+                f"stage '{stage}' ({entry.label}) needs what {', '.join(missing)} makes, and the store lacks it; "
+                f"run `juicer run`, or `juicer stage {missing[0]}` first"
+            )
+    return chosen
+
+
+def missing_inputs(entry: PlannedCall, planned: Iterable[PlannedCall]) -> list[str]:
     """Names of the stages whose artifacts a call needs and the store lacks."""
     made_by = {other.ref: other.stage for other in planned if not other.exists}
     return sorted({made_by[ref] for ref in entry.call.recipe.parents if ref in made_by})

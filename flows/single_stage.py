@@ -7,10 +7,9 @@ from prefect import flow
 from flows.conditions import Condition
 from flows.config import CollectInferConfig, StudyConfig
 from flows.opening import expect, opened
-from flows.plan import calls_of, missing_inputs, plan
+from flows.plan import ready_calls
 from flows.run import task_runner
 from flows.settings import read_settings
-from juicer.errors import ConfigError
 from stages.prefect_task import PrefectPerformer
 
 
@@ -25,14 +24,6 @@ def single_stage(
     """Run every call of a stage that a configuration makes; with ``force`` even if its artifact is in the store."""
     forced = frozenset({stage}) if force else frozenset()
     with opened(read_settings(), None, PrefectPerformer(), forced=forced) as surroundings:
-        store = surroundings.session.store
-        planned = plan(store, config.narrowed(condition, seed))
-        chosen = calls_of(planned, stage)
-        for entry in chosen:
-            if missing := missing_inputs(store, entry, planned):
-                raise ConfigError(
-                    f"stage '{stage}' ({entry.label}) needs what {', '.join(missing)} makes, and the store lacks it; "
-                    f"run `juicer run`, or `juicer stage {missing[0]}` first"
-                )
+        chosen = ready_calls(surroundings.session.store, config.narrowed(condition, seed), stage)
         expect(surroundings, chosen)
         return [str(entry.perform(surroundings.session)) for entry in chosen]

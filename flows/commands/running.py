@@ -104,11 +104,15 @@ def run_stage(
     settings = read_settings()
     has_server = prepare_environment(settings)
     from flows.config import load_run
+    from flows.opening import open_store
+    from flows.plan import ready_calls
     from stages.catalog import find_stage
 
     find_stage(name)
     config = load_run(path, overrides)
     chosen = _condition(condition)
+    # What is wrong is better said before a server starts.
+    ready_calls(open_store(settings), config.narrowed(chosen, seed), name)
     if not has_server:
         start_server(settings)
     from flows.single_stage import single_stage

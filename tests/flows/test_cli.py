@@ -107,6 +107,7 @@ def test_damage_is_found_and_fails_the_command(capsys, store, episodes):
         (["run", str(SMOKE), "--set", "evaluate.episodes"], "must look like key=value"),
         (["run", str(SMOKE), "--set", "logs=/nowhere"], "folder '/nowhere' does not exist"),
         (["stage", "trian", "--config", str(SMOKE)], "unknown stage 'trian'; did you mean 'train'?"),
+        (["stage", "train", "-c", str(SMOKE), "--condition", "bc"], "needs what ingest makes, and the store lacks it"),
         (["explain", "train", "-c", str(SMOKE), "--condition", "tai"], "unknown condition 'tai'; did you mean 'ta'?"),
         (["explain", "train", "-c", str(SMOKE), "--seed", "5"], "the study has no seed 5"),
         (["explain", "report", "-c", str(SMOKE)], "the report needs evaluations that are not in the store"),

@@ -62,7 +62,7 @@ def test_plan_is_the_same_whatever_the_machine_does_beside(store):
 def test_missing_inputs_are_named_by_the_stage_that_makes_them(store):
     planned = plan(store, CollectInferConfig(condition=Condition.TA))
     (training,) = calls_of(planned, "train")
-    assert missing_inputs(store, training, planned) == ["augment", "ingest"]
+    assert missing_inputs(training, planned) == ["augment", "ingest"]
 
 
 def test_stage_that_a_run_does_not_have_is_named(store):
