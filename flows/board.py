@@ -156,6 +156,8 @@ class Board:
         so_far = f"{_duration(time.monotonic() - self._started)} so far, {self._finished} stages done"
         if not waiting:
             return so_far
+        if seconds < 1 and not complete:
+            return f"{so_far}, {waiting} to go"
         about = "about" if complete else "more than"
         return f"{so_far}, {waiting} to go, {about} {_duration(seconds)} left"
 
@@ -172,7 +174,7 @@ def _duration(seconds: float) -> str:
 
 def _count(line: _Line) -> str:
     if not line.total:
-        return f"{line.done}"
+        return f"{line.done}" if line.done else "begins"
     return f"{line.done}/{line.total} {line.done / line.total:4.0%}"
 
 
