@@ -45,7 +45,7 @@ def task_runs(flow_run_id, expected):
         async with get_client() as client:
             for _ in range(50):
                 runs = await client.read_task_runs(flow_run_filter=FlowRunFilter(id={"any_": [flow_run_id]}))
-                if len(runs) >= expected and all(run.state.is_final() for run in runs):
+                if len(runs) >= expected and all(run.state and run.state.is_final() for run in runs):
                     return runs
                 await asyncio.sleep(0.2)
             raise AssertionError("the task runs did not arrive")
