@@ -182,8 +182,9 @@ def serve() -> None:
 
 def main() -> None:
     """Entry point: 0 on success, 1 after an error, 2 after a wrong call, 130 after Ctrl-C."""
-    # A shell that starts a command in the background has it ignore the interrupt.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    # A shell that starts a command in the background has it ignore the interrupt; a service manager sends the other.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     sys.exit(call(sys.argv[1:]))
 
 

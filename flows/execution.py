@@ -17,7 +17,7 @@ from juicer.artifacts.store import ArtifactStore
 from juicer.evaluation import ConditionResult
 from stages.report import ReportConfig, report
 from stages.report_data import ReportRow, condition_results
-from stages.session import Record, Session, StageInterrupted
+from stages.session import Record, Session
 from stages.tracking.journal import FAILED, FINISHED, KILLED
 
 POLL_SECONDS = 0.2
@@ -79,7 +79,7 @@ class RunOutcome:
 
 def execute(session: Session, config: RunConfig, tracking: Tracking | None) -> RunOutcome:
     """Run every model, write the report, and close the records."""
-    status = FAILED
+    status = KILLED
     try:
         models = run_models(session, config, tracking)
         outcome = RunOutcome(tuple(models), None)
@@ -89,8 +89,8 @@ def execute(session: Session, config: RunConfig, tracking: Tracking | None) -> R
             tracking.conclude(outcome.results(session.store))
         status = FINISHED
         return outcome
-    except (KeyboardInterrupt, StageInterrupted):
-        status = KILLED
+    except Exception:
+        status = FAILED
         raise
     finally:
         if tracking:

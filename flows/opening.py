@@ -13,7 +13,7 @@ from flows.settings import Settings
 from flows.tracked import Tracking
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from stages.session import Session, StageInterrupted, perform_here
+from stages.session import Session, perform_here
 from stages.stage import StageCall
 from stages.tracking.courier import Courier, Destination
 
@@ -79,11 +79,12 @@ def opened(
         courier = Courier(journals, place, store, board.say)
         tracking = Tracking(journals, config)
         courier.start()
-        patience = DELIVERY_SECONDS
+        patience = 0.0  # an interrupt is not made to wait
         try:
             yield Opened(session, board, tracking)
-        except (KeyboardInterrupt, StageInterrupted):
-            patience = 0.0
+            patience = DELIVERY_SECONDS
+        except Exception:
+            patience = DELIVERY_SECONDS
             raise
         finally:
             if not courier.finish(patience) and patience:

@@ -51,7 +51,6 @@ def serve_pages(prefect_port: int | None, mlflow_port: int | None, as_json: bool
     if not as_json:
         say("starting Prefect's and MLflow's servers ...")
     initialise(settings.folder / "tracking", destination(settings))
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     logs = settings.folder / "logs-of-servers"
     logs.mkdir(parents=True, exist_ok=True)
     with (
