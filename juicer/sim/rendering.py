@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -57,9 +54,3 @@ class CameraRenderer:
             ) from None
         self._renderers[width, height] = renderer
         return renderer
-
-
-def prefer_headless_rendering() -> None:
-    """Choose EGL on Linux machines without a display, before MuJoCo creates its first context."""
-    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
-        os.environ.setdefault("MUJOCO_GL", "egl")
