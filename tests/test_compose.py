@@ -226,6 +226,7 @@ def test_buckets_are_created_once(monkeypatch: pytest.MonkeyPatch):
             monkeypatch.setenv(name, value)
         import s3fs
 
-        assert set(s3fs.S3FileSystem(skip_instance_cache=True).ls("")) == {"juicer", "mlflow"}
+        # The servers of all tests of a process share their buckets.
+        assert set(s3fs.S3FileSystem(skip_instance_cache=True).ls("")) >= {"juicer", "mlflow"}
     finally:
         server.stop()

@@ -57,7 +57,7 @@ def _set_physics(spec: mujoco.MjSpec) -> None:
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.solver = mujoco.mjtSolver.mjSOL_NEWTON
-    option.iterations, option.ls_iterations, option.tolerance = 20, 10, 1e-6
+    option.iterations, option.ls_iterations, option.tolerance = 20, 50, 1e-6
     option.gravity = (0, 0, -9.8)
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     # Parts at rest sleep until touched: a step costs a third of what it costs when all five rest awake.

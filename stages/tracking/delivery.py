@@ -14,6 +14,7 @@ from mlflow import MlflowClient
 from mlflow.entities import Dataset, DatasetInput, InputTag, Metric, Param, RunTag
 from mlflow.exceptions import MlflowException, RestException
 from mlflow.protos.databricks_pb2 import RESOURCE_ALREADY_EXISTS, ErrorCode
+from sqlalchemy.engine import make_url
 
 from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import ArtifactRef
@@ -38,19 +39,20 @@ class Delivery:
     """Delivers events to one MLflow database or server."""
 
     def __init__(self, uri: str, artifact_root: Path | None, store: ArtifactStore) -> None:
-        """Connect.
+        """Connect, and create the database if it is missing.
 
         Args:
             uri: Tracking address.
             artifact_root: Where the files of new experiments go; the server decides if None.
             store: Where the artifacts that the journals name are.
         """
+        _create_database(uri)
         self._client = MlflowClient(uri)
         self._artifact_root = artifact_root
         self._store = store
 
     def ping(self) -> None:
-        """Reach the database, and create its tables if they are missing."""
+        """Reach the database."""
         self._client.search_experiments(max_results=1)
 
     def deliver(
@@ -199,6 +201,22 @@ def _flat_numbers(content: Mapping[str, Any], prefix: str = "") -> Iterator[tupl
                 "".join(letter if letter.isalnum() or letter in "/_-. " else "_" for letter in f"{prefix}{key}"),
                 value,
             )
+
+
+def _create_database(uri: str) -> None:
+    """Create a missing SQLite database under another name first.
+
+    Its tables are made by dozens of migrations, which SQLite does not undo: a process that is killed among them would
+    leave a database that no later one can use.
+    """
+    name = make_url(uri).database if uri.startswith("sqlite:") else None
+    if not name or Path(name).exists():
+        return
+    path = Path(name)
+    draft = path.with_name(f"{path.name}.draft")
+    draft.unlink(missing_ok=True)
+    MlflowClient(f"sqlite:///{draft}").search_experiments(max_results=1)
+    draft.replace(path)
 
 
 def _dataset(manifest: Manifest, store_url: str) -> DatasetInput:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import sqlite3
+import subprocess
+import sys
+import time
 
 import pytest
 
 from juicer.artifacts.ref import ArtifactRef
-from stages.tracking.courier import Courier, Destination
+from stages.tracking.courier import Courier, Destination, initialise
 from stages.tracking.journal import END, MADE, METRICS, RESUMED, RUN, DeliveryState, Journal
 from stages.tracking.record import ModelRecord, RunDescription, RunRecord
 
@@ -146,6 +150,22 @@ def test_database_that_cannot_be_used_costs_a_sentence_and_nothing_is_lost(folde
 
     assert deliver(folder, store, uri, tmp_path / "files") == (True, [])
     assert len(client.get_metric_history(child.info.run_id, "train/loss")) == 3
+
+
+def test_kill_among_the_migrations_leaves_a_database_that_can_be_used(folder, tmp_path):
+    uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
+    code = "import sys; from pathlib import Path; from stages.tracking.courier import *; "
+    code += "initialise(Path(sys.argv[1]), Destination(sys.argv[2]))"
+    process = subprocess.Popen([sys.executable, "-c", code, str(folder), uri], stderr=subprocess.DEVNULL)
+    while process.poll() is None and not (tmp_path / "mlflow.db.draft").exists():
+        time.sleep(0.01)
+    time.sleep(0.2)
+    process.kill()
+    assert process.wait() == -9
+    initialise(folder, Destination(uri))
+    assert [path.name for path in tmp_path.glob("mlflow.db*")] == ["mlflow.db"]
+    with sqlite3.connect(tmp_path / "mlflow.db") as database:
+        assert database.execute("select count(*) from registered_models").fetchone() == (0,)
 
 
 def _look(uri, journal):
