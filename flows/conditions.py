@@ -1,4 +1,4 @@
-"""The conditions of a study: which parts of the method each of them uses (paper, Table VI)."""
+"""The conditions of a study: which parts of the method each of them uses (paper, Table VI), and open-loop replay."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from enum import StrEnum
 class Condition(StrEnum):
     """Name of a condition in configuration files."""
 
+    REPLAY = "replay"
     BC = "bc"
     STATE_NOISE = "state_noise"
     TA = "ta"
@@ -28,6 +29,7 @@ class Method:
         collects: Whether it retrains on its own successes.
         adds_noise: Whether observed states are perturbed in training.
         policy: Which entry of a configuration's ``policies`` it trains.
+        replays: Whether it plays demonstrations instead of training on them.
     """
 
     title: str
@@ -35,9 +37,11 @@ class Method:
     collects: bool = False
     adds_noise: bool = False
     policy: str = "diffusion"
+    replays: bool = False
 
 
 METHODS = {
+    Condition.REPLAY: Method("Replay", replays=True),
     Condition.BC: Method("BC"),
     Condition.STATE_NOISE: Method("State noise", adds_noise=True),
     Condition.TA: Method("TA", augments=True),

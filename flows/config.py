@@ -19,13 +19,23 @@ from juicer.training.config import OriginalStateNoise, PhysicalStateNoise, Train
 from stages.augment import AugmentConfig
 from stages.collect import CollectConfig
 from stages.evaluate import EvaluateConfig
+from stages.memorise import MemoriseConfig
 from stages.record import RecordConfig
 from stages.select import SelectConfig
 from stages.train import TrainConfig
 
 BASE_KEY = "base"
 _SCENE = {
-    "task": ("record", "ingest", "collect", "evaluate", "train.diffusion", "train.mlp_chunked", "train.mlp_unchunked"),
+    "task": (
+        "record",
+        "ingest",
+        "memorise",
+        "collect",
+        "evaluate",
+        "train.diffusion",
+        "train.mlp_chunked",
+        "train.mlp_unchunked",
+    ),
     "randomness": ("record", "collect", "evaluate"),
 }
 """Sections that take over a value of the top level unless they set their own."""
@@ -76,6 +86,7 @@ class LoopConfig(StrictConfig):
         annotate: How critical states are proposed.
         augment: Corrective episodes of the first training.
         augment_retraining: The same for retraining, if it differs (the paper's one_leg: 50, and then 150).
+        memorise: The baseline that replays demonstrations.
         train: The policies.
         state_noise: What the condition of that name adds to observed states.
         rounds: Turns of collect, select, train in the conditions that collect.
@@ -94,6 +105,7 @@ class LoopConfig(StrictConfig):
     annotate: AnnotationConfig = AnnotationConfig()
     augment: AugmentConfig = AugmentConfig()
     augment_retraining: AugmentConfig | None = None
+    memorise: MemoriseConfig = MemoriseConfig()
     train: PoliciesConfig = PoliciesConfig()
     state_noise: Annotated[PhysicalStateNoise | OriginalStateNoise, Field(discriminator="kind")] = PhysicalStateNoise()
     rounds: int = Field(default=1, gt=0, le=100)
@@ -150,6 +162,11 @@ class CollectInferConfig(LoopConfig):
         """The only seed."""
         return (self.seed,)
 
+    @property
+    def models(self) -> tuple[tuple[Condition, int], ...]:
+        """The only model."""
+        return ((self.condition, self.seed),)
+
 
 class StudyConfig(LoopConfig):
     """Conditions times seeds, compared."""
@@ -178,6 +195,16 @@ class StudyConfig(LoopConfig):
         if len(set(values)) < len(values):
             raise ValueError("each may be named only once")
         return values
+
+    @property
+    def models(self) -> tuple[tuple[Condition, int], ...]:
+        """Conditions and seeds to train, seeds outermost; what has no randomness has the first seed only."""
+        return tuple(
+            (condition, seed)
+            for seed in self.seeds
+            for condition in self.conditions
+            if seed == self.seeds[0] or not METHODS[condition].replays
+        )
 
 
 RunConfig = CollectInferConfig | StudyConfig

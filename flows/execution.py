@@ -106,11 +106,10 @@ def run_models(
     task runner's business. If some fail, the others run to their ends before the first failure is raised.
     """
     chains: list[Callable[[], ModelOutcome]] = []
-    for seed in config.seeds:
-        for condition in config.conditions:
-            record: Record = tracking.model(condition, seed) if tracking else session.record
-            scope = session.for_model(f"{condition} seed {seed}", record)
-            chains.append(_chain(scope, config, condition, seed, tracking))
+    for condition, seed in config.models:
+        record: Record = tracking.model(condition, seed) if tracking else session.record
+        scope = session.for_model(f"{condition} seed {seed}", record)
+        chains.append(_chain(scope, config, condition, seed, tracking))
     if not parallel:
         return [chain() for chain in chains]
     with ThreadPoolExecutor(len(chains), thread_name_prefix="model") as pool:

@@ -15,6 +15,7 @@ from stages.augment import AugmentConfig, augment
 from stages.collect import collect
 from stages.evaluate import evaluate
 from stages.ingest import ingest
+from stages.memorise import memorise
 from stages.record import record
 from stages.select import select
 from stages.session import Session
@@ -46,7 +47,10 @@ def run_model(session: Session, config: LoopConfig, condition: Condition, seed: 
     demonstrations = get_demonstrations(session, config)
     episodes = _training_episodes(session, config, demonstrations, config.augment if method.augments else None)
     training = config.training(condition, seed)
-    checkpoint = train(session, episodes=episodes, config=training)
+    if method.replays:
+        checkpoint = memorise(session, episodes=demonstrations, config=config.memorise)
+    else:
+        checkpoint = train(session, episodes=episodes, config=training)
 
     selections: tuple[ArtifactRef, ...] = ()
     for turn in range(1, config.rounds + 1) if method.collects else ():

@@ -35,7 +35,8 @@ class Tracking:
 
     def model(self, condition: Condition, seed: int) -> ModelRecord:
         """Record of one model."""
-        training = self._config.training(condition, seed).model_dump(mode="json")
+        trained = not METHODS[condition].replays
+        training = self._config.training(condition, seed).model_dump(mode="json") if trained else {}
         description = RunDescription(
             experiment=self._config.name,
             name=f"{condition} seed {seed}",

@@ -1,4 +1,4 @@
 """Names of the stages."""
 
-STAGES = ("record", "ingest", "annotate", "augment", "train", "collect", "select", "evaluate", "report")
+STAGES = ("record", "ingest", "annotate", "augment", "memorise", "train", "collect", "select", "evaluate", "report")
 """In the order of the loop."""

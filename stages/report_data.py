@@ -30,8 +30,8 @@ from juicer.reporting.content import (
 from juicer.storage.curves import read_curves
 from juicer.storage.tables import read_evaluation
 from juicer.tasks.registry import get_task
+from stages.names import STAGES
 
-_ORDER = ("record", "ingest", "annotate", "augment", "train", "collect", "select", "evaluate")
 _CURVES = {"train/loss": "training", "validation/loss": "validation"}
 
 
@@ -152,7 +152,7 @@ class _Sources:
 
     def costs(self) -> Iterator[StageCost]:
         """What each stage cost, whenever it was computed."""
-        for name in _ORDER:
+        for name in STAGES:
             manifests = self._of_stage(name)
             if manifests:
                 yield StageCost(

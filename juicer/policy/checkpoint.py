@@ -18,6 +18,7 @@ from juicer.errors import InvalidCheckpoint
 from juicer.policy.config import FeatureSpec, PolicyConfig
 from juicer.policy.network import PolicyNetwork, build_policy
 from juicer.policy.policy import TrainedPolicy
+from juicer.policy.replay import REPLAY_FILE, ReplayPolicy, load_replay
 
 SCHEMA_VERSION = 1
 POLICY_FILE = "policy.json"
@@ -89,12 +90,14 @@ def load_checkpoint(folder: Path) -> Checkpoint:
     )
 
 
-def load_policy(folder: Path, threads: int = 1) -> TrainedPolicy:
+def load_policy(folder: Path, threads: int = 1) -> TrainedPolicy | ReplayPolicy:
     """The policy of a checkpoint folder, ready to act.
 
     Raises:
         InvalidCheckpoint: See :func:`load_checkpoint`.
     """
+    if (replay := folder / REPLAY_FILE).exists():
+        return load_replay(replay)
     return load_checkpoint(folder).policy(threads)
 
 

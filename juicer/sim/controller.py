@@ -54,10 +54,12 @@ class EndEffectorController:
     def __init__(self) -> None:
         """Build the arm model."""
         self._model = build_arm()
-        self._data = mujoco.MjData(self._model)
+        self._data = data = mujoco.MjData(self._model)
         self._site = self._model.site(END_EFFECTOR_SITE).id
+        self._joints = data.qpos[:NUM_ARM_JOINTS]
+        self._position, self._matrix = data.site_xpos[self._site], data.site_xmat[self._site].reshape(3, 3)
         self._jacobian = np.zeros((6, self._model.nv))
-        self._limits = self._model.jnt_range[:NUM_ARM_JOINTS].T.copy()
+        self._lowest, self._highest = self._model.jnt_range[:NUM_ARM_JOINTS].T.copy()
 
     def joint_targets(self, action: Array, joints_rad: Array) -> Array:
         """Joint angles ``(7,)`` that bring the end effector towards the action's pose.
@@ -70,35 +72,33 @@ class EndEffectorController:
             InvalidAction: If the 6D rotation is degenerate.
         """
         rotation = rot6d_to_matrix(action[3:9])
-        joints = joints_rad.copy()
-        self._forward(joints)
-        position, matrix = self._data.site_xpos[self._site], self._data.site_xmat[self._site].reshape(3, 3)
-        goal_position = position + _shortened(action[:3] - position, MAX_LEAD_M)
-        turn = _shortened(_rotation_error(rotation, matrix), MAX_LEAD_RAD)
-        goal_rotation = _rotation(turn) @ matrix
-        return self._solve(joints, goal_position, goal_rotation)
-
-    def _forward(self, joints: Array) -> None:
-        self._data.qpos[:NUM_ARM_JOINTS] = joints
+        self._joints[:] = joints_rad
         mujoco.mj_kinematics(self._model, self._data)
+        goal_position = self._position + _shortened(action[:3] - self._position, MAX_LEAD_M)
+        turn = _shortened(_rotation_error(rotation, self._matrix), MAX_LEAD_RAD)
+        self._solve(goal_position, _rotation(turn) @ self._matrix)
+        targets: Array = self._joints.copy()
+        return targets
 
-    def _solve(self, joints: Array, position: Array, rotation: Array) -> Array:
-        data, jacobian = self._data, self._jacobian
-        error = np.empty(6)
+    def _solve(self, position: Array, rotation: Array) -> None:
+        """Move the arm model from where it is until its end effector reaches the pose."""
+        model, data, joints = self._model, self._data, self._joints
+        arm = self._jacobian[:, :NUM_ARM_JOINTS]
+        error, solution = np.empty(6), np.empty(6)
         for _ in range(_ITERATIONS):
-            error[:3] = position - data.site_xpos[self._site]
-            error[3:] = _rotation_error(rotation, data.site_xmat[self._site].reshape(3, 3))
+            error[:3] = position - self._position
+            error[3:] = _rotation_error(rotation, self._matrix)
             if error @ error < _TOLERANCE**2:
                 break
-            mujoco.mj_comPos(self._model, data)
-            mujoco.mj_jacSite(self._model, data, jacobian[:3], jacobian[3:], self._site)
-            arm = jacobian[:, :NUM_ARM_JOINTS]
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_jacSite(model, data, self._jacobian[:3], self._jacobian[3:], self._site)
             posture = _POSTURE_GAIN * (RESET_JOINTS_RAD - joints)
             gram = arm @ arm.T + _DAMPING_MATRIX
-            step = posture + arm.T @ np.linalg.solve(gram, error - arm @ posture)
-            joints = np.clip(joints + np.clip(step, -_MAX_JOINT_STEP_RAD, _MAX_JOINT_STEP_RAD), *self._limits)
-            self._forward(joints)
-        return joints
+            mujoco.mju_cholFactor(gram, 0.0)
+            mujoco.mju_cholSolve(solution, gram, error - arm @ posture)
+            step = _clipped(posture + arm.T @ solution, -_MAX_JOINT_STEP_RAD, _MAX_JOINT_STEP_RAD)
+            joints[:] = _clipped(joints + step, self._lowest, self._highest)
+            mujoco.mj_kinematics(model, data)
 
 
 def grip_command(action: Array, last: float) -> float:
@@ -107,6 +107,12 @@ def grip_command(action: Array, last: float) -> float:
     if abs(gripper) <= GRIPPER_DEAD_ZONE:
         return last
     return -GRIP_FORCE_N if gripper > 0 else GRIP_FORCE_N
+
+
+def _clipped(values: Array, lowest: Array | float, highest: Array | float) -> Array:
+    # Twice as fast as np.clip on a few numbers.
+    clipped: Array = np.minimum(np.maximum(values, lowest), highest)
+    return clipped
 
 
 def _shortened(vector: Array, longest: float) -> Array:

@@ -18,7 +18,6 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from juicer.episode import ACTION_SIZE, PROPRIOCEPTION_SIZE, Outcome
-from juicer.geometry import matrix_to_rot6d
 from juicer.seeding import stream
 from juicer.sim.controller import MAX_ACTION, EndEffectorController, grip_command, validate_action
 from juicer.sim.initial_states import initial_part_poses
@@ -33,6 +32,7 @@ from juicer.tasks.specification import TABLE_HEIGHT_M, parse_randomness
 CONTROL_HZ = 10
 TARGET_UPDATES = 10
 SUBSTEPS_PER_UPDATE = 5
+_FRACTIONS = np.arange(1, TARGET_UPDATES + 1)[:, None] / TARGET_UPDATES
 SETTLING_S = 0.3
 NUM_ARM_JOINTS = len(RESET_JOINTS_RAD)
 # A part this far below the table's surface has fallen off it.
@@ -98,6 +98,10 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def _index_model(self) -> None:
         model = self.model
         self._site = model.site(END_EFFECTOR_SITE).id
+        self._position, self._matrix_rows = self.data.site_xpos[self._site], self.data.site_xmat[self._site, :6]
+        self._velocity = np.empty(6)
+        self._joint_targets = self.data.ctrl[:NUM_ARM_JOINTS]
+        self._velocities = self.data.qvel
         self._fingers = np.array([model.joint(name).qposadr[0] for name in FINGER_JOINTS])
         first = model.joint(self.task.parts[0].name).qposadr[0]
         self._parts = slice(first, first + 7 * len(self.task.parts))
@@ -132,14 +136,12 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             InvalidAction: If the action is not finite, has a wrong shape or encodes no rotation; nothing has moved.
         """
         values = validate_action(action)
-        data = self.data
-        start = data.ctrl[:NUM_ARM_JOINTS].copy()
-        goal = self._controller.joint_targets(values, data.qpos[:NUM_ARM_JOINTS])
-        data.ctrl[NUM_ARM_JOINTS] = grip_command(values, float(data.ctrl[NUM_ARM_JOINTS]))
-        for update in range(1, TARGET_UPDATES + 1):
-            data.ctrl[:NUM_ARM_JOINTS] = start + (goal - start) * (update / TARGET_UPDATES)
-            self._advance()
-            if self._has_diverged():
+        targets, controls = self._joint_targets, self.data.ctrl
+        goal = self._controller.joint_targets(values, self.data.qpos[:NUM_ARM_JOINTS])
+        controls[NUM_ARM_JOINTS] = grip_command(values, float(controls[NUM_ARM_JOINTS]))
+        for update in targets + _FRACTIONS * (goal - targets):
+            targets[:] = update
+            if not self._advance():
                 break
         self._progress[0] += 1
         reward = 0.0 if self._has_diverged() else self._measure()
@@ -150,18 +152,17 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     def observation(self) -> Observation:
         """What a policy may see of the present state."""
-        data, site = self.data, self._site
-        velocity = np.empty(6)
-        mujoco.mj_objectVelocity(self.model, data, mujoco.mjtObj.mjOBJ_SITE, site, velocity, 0)
-        rotation = data.site_xmat[site].reshape(3, 3)
-        width = data.qpos[self._fingers].sum(keepdims=True)
-        proprioception = np.concatenate(
-            [data.site_xpos[site], matrix_to_rot6d(rotation), velocity[3:], velocity[:3], width]
-        )
+        proprioception = np.empty(PROPRIOCEPTION_SIZE)
+        proprioception[:3] = self._position
+        proprioception[3:9] = self._matrix_rows
+        # MuJoCo gives the rotational velocity first.
+        mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_SITE, self._site, self._velocity, 0)
+        proprioception[9:12], proprioception[12:15] = self._velocity[3:], self._velocity[:3]
+        proprioception[15] = self.data.qpos[self._fingers].sum()
         with np.errstate(over="ignore"):  # a diverged state may exceed single precision
             return {
                 "proprioception": proprioception.astype(np.float32),
-                "part_poses": data.qpos[self._parts].astype(np.float32),
+                "part_poses": self.data.qpos[self._parts].astype(np.float32),
             }
 
     def get_state(self) -> NDArray[np.float64]:
@@ -222,15 +223,17 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
                 first_steps[index] = self._progress[0]
         return reward
 
-    def _advance(self) -> None:
+    def _advance(self) -> bool:
         try:
             mujoco.mj_step(self.model, self.data, SUBSTEPS_PER_UPDATE)
         except mujoco.FatalError:
             # An explosion makes more contacts than fit into MuJoCo's memory; the state may still look finite.
-            self.data.qvel[:] = np.nan
+            self._velocities[:] = np.nan
+            return False
+        return True
 
     def _has_diverged(self) -> bool:
-        return not bool(np.abs(self.data.qvel).max() < _DIVERGED_SPEED)  # NaN compares false
+        return not mujoco.mju_norm(self._velocities) < _DIVERGED_SPEED  # NaN compares false
 
     def _outcome(self) -> Outcome | None:
         if self._has_diverged():

@@ -36,7 +36,7 @@ def test_file_says_which_flow_it_is_for(tmp_path):
     assert isinstance(single, CollectInferConfig)
     assert (single.conditions, single.seeds) == ((Condition.TA,), (3,))
     assert isinstance(study, StudyConfig)
-    assert len(study.conditions) == 7
+    assert study.conditions == tuple(Condition)
 
 
 def test_base_is_overruled_by_the_file_and_the_file_by_the_command_line(tmp_path):
@@ -60,7 +60,7 @@ def test_task_and_randomness_reach_every_section_that_does_not_set_its_own(tmp_p
         ("record: {demonstration: 3}\n", r"'record\.demonstration'; did you mean 'demonstrations'\?"),
         ("flow: studdy\n", r"unknown flow 'studdy'; did you mean 'study'\?"),
         ("rounds: 0\n", r"rounds: Input should be greater than 0, got 0"),
-        ("condition: bcc\n", r"condition: Input should be 'bc'"),
+        ("condition: bcc\n", r"condition: Input should be 'replay', 'bc'"),
         ("flow: study\nseeds: [1, 1]\n", "each may be named only once"),
         ("train: {mlp_chunked: {policy: {head: {kind: diffusion}}}}\n", "head must be of kind 'mlp', got 'diffusion'"),
         ("base: gone.yaml\n", r"gone\.yaml' does not exist"),
@@ -94,6 +94,11 @@ def test_seeds_train_different_models_from_one_recipe():
     config = StudyConfig()
     assert config.training(Condition.BC, 0).seed != config.training(Condition.BC, 1).seed
     assert config.training(Condition.BC, 1) == config.training(Condition.TA, 1)
+
+
+def test_what_has_no_randomness_has_one_seed():
+    study = StudyConfig(conditions=(Condition.REPLAY, Condition.BC), seeds=(0, 1))
+    assert study.models == ((Condition.REPLAY, 0), (Condition.BC, 0), (Condition.BC, 1))
 
 
 def test_study_can_be_narrowed_to_what_it_has():

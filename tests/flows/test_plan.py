@@ -26,8 +26,9 @@ def test_conditions_share_all_that_they_have_in_common(store):
     planned = plan(store, StudyConfig(seeds=(0, 1)))
     counts = Counter(entry.stage for entry in planned)
     assert (counts["record"], counts["ingest"], counts["annotate"], counts["augment"]) == (1, 1, 1, 1)
-    # Two of the seven conditions begin as BC and as TA, and train once more.
-    assert (counts["train"], counts["collect"], counts["select"], counts["evaluate"]) == (14, 4, 4, 14)
+    # Two of the seven conditions begin as BC and as TA, and train once more; replay has no seeds.
+    assert (counts["train"], counts["collect"], counts["select"]) == (14, 4, 4)
+    assert (counts["memorise"], counts["evaluate"]) == (1, 15)
 
 
 def test_collecting_begins_with_the_model_of_the_plain_condition(store):

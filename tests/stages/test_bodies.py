@@ -13,6 +13,8 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import NothingLeft, WrongArtifactKind
 from juicer.ingestion import IngestionConfig
+from juicer.policy.checkpoint import load_policy
+from juicer.rollout import rollout
 from juicer.storage.curves import read_curves
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.storage.tables import read_annotations, read_evaluation, read_selection
@@ -23,6 +25,7 @@ from stages.augment import AugmentConfig, augment
 from stages.collect import CollectConfig, collect
 from stages.evaluate import EvaluateConfig, evaluate
 from stages.ingest import ingest
+from stages.memorise import MemoriseConfig, memorise
 from stages.record import RecordConfig, record
 from stages.report import ReportConfig, report
 from stages.report_data import ReportRow
@@ -235,3 +238,13 @@ def test_report_tells_of_every_condition_and_finding(loop):
     assert "CI, seed 0: no success." in page
     assert loop.evaluation.id[:6] in page
     assert json.dumps(summary(loop, ref)["best_condition"]) == '"TA"'
+
+
+def test_replayed_demonstrations_succeed_from_the_state_they_began_in(loop):
+    checkpoint = memorise(loop.session, episodes=loop.demonstrations, config=MemoriseConfig())
+    policy = load_policy(loop.store.open(checkpoint))
+    (demonstration, *_) = EpisodeReader(loop.store.open(loop.demonstrations)).records
+    (episode,) = rollout(policy, "one_leg", "low", [demonstration.seed], num_envs=1)
+    recorded = EpisodeReader(loop.store.open(loop.demonstrations)).read(0)
+    np.testing.assert_array_equal(episode.steps["action"][: len(recorded)], recorded.steps["action"])
+    assert evaluate(loop.session, checkpoint=checkpoint, config=EVALUATE).kind == "evaluation"

@@ -1,0 +1,93 @@
+"""Open-loop replay: the demonstration that began most like this episode, played without looking.
+
+The baseline that tells how much of a success rate is due to seeing. As a checkpoint it holds the demonstrations'
+actions and their first part poses, in safetensors like every other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save_file
+
+from juicer.errors import InvalidCheckpoint
+from juicer.geometry import quat_to_matrix, rotation_angle
+
+REPLAY_FILE = "replay.safetensors"
+RADIAN_M = 0.05
+"""Metres that a radian of rotation counts for when initial states are compared: about half a part's length."""
+
+
+class ReplayPolicy:
+    """Plays the actions of the nearest demonstration, then keeps repeating its last one.
+
+    The whole episode is a single chunk: it is asked once, at the first step.
+    """
+
+    def __init__(
+        self, first_poses: NDArray[np.float32], actions: Sequence[NDArray[np.float32]], parts: Sequence[int], steps: int
+    ) -> None:
+        """Remember demonstrations.
+
+        Args:
+            first_poses: Part poses ``(E, 7 P)`` at their first steps, robot base frame.
+            actions: Absolute actions ``(T, 10)`` of each.
+            parts: Indices of the parts that matter to the task.
+            steps: Length of a chunk, as long as an episode may become.
+        """
+        self._first_poses = first_poses
+        self._actions = actions
+        self._parts = list(parts)
+        self._steps = steps
+
+    @property
+    def action_horizon(self) -> int:
+        """Steps of an episode."""
+        return self._steps
+
+    def predict(
+        self, observations: Mapping[str, NDArray[Any]], streams: Sequence[np.random.Generator]
+    ) -> NDArray[np.float32]:
+        """Actions ``(N, steps, 10)``, absolute, for episodes at their first step; no noise is drawn."""
+        return np.stack([self._padded(self._nearest(poses)) for poses in observations["part_poses"]])
+
+    def _nearest(self, poses: NDArray[Any]) -> int:
+        parts = self._parts
+        known, present = self._first_poses.reshape(-1, len(poses) // 7, 7)[:, parts], poses.reshape(-1, 7)[parts]
+        apart = np.linalg.norm(known[..., :3] - present[:, :3], axis=-1)
+        turned = rotation_angle(quat_to_matrix(known[..., 3:]), quat_to_matrix(present[:, 3:]))
+        return int(np.argmin((apart + RADIAN_M * turned).sum(axis=-1)))
+
+    def _padded(self, index: int) -> NDArray[np.float32]:
+        steps = np.minimum(np.arange(self._steps), len(self._actions[index]) - 1)
+        return self._actions[index][steps]
+
+    def save(self, folder: Path) -> None:
+        """Write the policy as a checkpoint."""
+        tensors = {
+            "first_poses": self._first_poses,
+            "actions": np.concatenate(self._actions),
+            "ends": np.cumsum([len(actions) for actions in self._actions]),
+            "parts": np.array(self._parts),
+            "steps": np.array(self._steps),
+        }
+        save_file(tensors, folder / REPLAY_FILE)
+
+
+def load_replay(path: Path) -> ReplayPolicy:
+    """Read what :meth:`ReplayPolicy.save` wrote.
+
+    Raises:
+        InvalidCheckpoint: If the file cannot be read.
+    """
+    try:
+        content = load_file(path)
+        actions = np.split(content["actions"], content["ends"][:-1])
+        return ReplayPolicy(content["first_poses"], actions, content["parts"].tolist(), int(content["steps"]))
+    except (OSError, KeyError, ValueError, SafetensorError) as error:
+        raise InvalidCheckpoint(f"demonstrations to replay in '{path}' cannot be read: {error}") from None

@@ -1,0 +1,54 @@
+"""Open-loop replay plays the demonstration that began most like the episode, and nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from juicer.errors import InvalidCheckpoint
+from juicer.policy.checkpoint import load_policy
+from juicer.policy.replay import REPLAY_FILE, ReplayPolicy
+
+UPRIGHT = [1.0, 0.0, 0.0, 0.0]
+QUARTER_TURN = [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
+
+
+def poses(x, quat=UPRIGHT, other=0.0):
+    return np.array([x, 0.0, 0.0, *quat, other, 0.0, 0.0, *UPRIGHT], dtype=np.float32)
+
+
+@pytest.fixture
+def policy():
+    first = np.stack([poses(0.0), poses(0.1), poses(0.1, QUARTER_TURN)])
+    actions = [np.full((length, 10), value, np.float32) for length, value in ((2, 0.1), (3, 0.2), (4, 0.3))]
+    actions[0][1] = 0.9
+    return ReplayPolicy(first, actions, parts=[0], steps=5)
+
+
+def play(policy, *rows):
+    return policy.predict({"part_poses": np.stack(rows)}, [np.random.default_rng(0)] * len(rows))
+
+
+def test_nearest_demonstration_is_played_and_its_last_action_held(policy):
+    chunks = play(policy, poses(0.01), poses(0.09), poses(0.09, QUARTER_TURN))
+    assert chunks.shape == (3, policy.action_horizon, 10) == (3, 5, 10)
+    np.testing.assert_allclose(chunks[0, :, 0], [0.1, 0.9, 0.9, 0.9, 0.9])
+    np.testing.assert_allclose(chunks[1:, :, 0], [[0.2] * 5, [0.3] * 5])
+
+
+def test_parts_that_do_not_matter_decide_nothing(policy):
+    np.testing.assert_array_equal(play(policy, poses(0.0, other=9.0)), play(policy, poses(0.0)))
+
+
+def test_checkpoint_plays_the_same(policy, tmp_path):
+    policy.save(tmp_path)
+    row = poses(0.1, QUARTER_TURN)
+    np.testing.assert_array_equal(play(load_policy(tmp_path), row), play(policy, row))
+
+
+def test_damaged_checkpoint_is_told_in_a_sentence(policy, tmp_path):
+    policy.save(tmp_path)
+    whole = (tmp_path / REPLAY_FILE).read_bytes()
+    (tmp_path / REPLAY_FILE).write_bytes(whole[:-40])
+    with pytest.raises(InvalidCheckpoint, match="cannot be read"):
+        load_policy(tmp_path)
