@@ -119,20 +119,26 @@ def rot6d_to_matrix(rot6d: Array) -> Array:
     Raises:
         InvalidAction: If a row vanishes or both are parallel, so that no rotation is defined.
     """
-    values = np.asarray(rot6d, dtype=np.float64)
-    first, second = values[..., :3], values[..., 3:]
-    first_length = np.sqrt((first * first).sum(axis=-1, keepdims=True))
-    if not (first_length > 1e-6).all():
+    rows = np.asarray(rot6d, dtype=np.float64).reshape(*np.shape(rot6d)[:-1], 2, 3)
+    matrix = np.empty((*rows.shape[:-2], 3, 3))
+    first, second = matrix[..., 0, :], matrix[..., 1, :]
+    if not _normalise_into(first, rows[..., 0, :]):
         raise InvalidAction("6D rotation is degenerate: its first row vanishes; pass two rows of a rotation matrix")
-    first = first / first_length
-    second = second - (first * second).sum(axis=-1, keepdims=True) * first
-    second_length = np.sqrt((second * second).sum(axis=-1, keepdims=True))
-    if not (second_length > 1e-6).all():
+    along = np.vecdot(first, rows[..., 1, :])[..., None]
+    if not _normalise_into(second, rows[..., 1, :] - along * first):
         raise InvalidAction("6D rotation is degenerate: its rows are parallel; pass two rows of a rotation matrix")
-    second = second / second_length
     # The cross product written out: numpy's own costs more than all the rest.
-    third = first[..., _YZX] * second[..., _ZXY] - first[..., _ZXY] * second[..., _YZX]
-    return np.stack([first, second, third], axis=-2)
+    matrix[..., 2, :] = first[..., _YZX] * second[..., _ZXY] - first[..., _ZXY] * second[..., _YZX]
+    return matrix
+
+
+def _normalise_into(out: Array, vector: Array) -> bool:
+    """Write unit vectors; returns False, and writes nothing, if one is too short to have a direction."""
+    length = np.sqrt(np.vecdot(vector, vector))
+    if not length.min(initial=1.0) > 1e-6:
+        return False
+    np.divide(vector, length[..., None], out=out)
+    return True
 
 
 def rotvec_to_matrix(rotvec_rad: Array) -> Array:

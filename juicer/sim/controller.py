@@ -41,10 +41,9 @@ def validate_action(action: Array) -> Array:
     values = np.asarray(action, dtype=np.float32)
     if values.shape != (ACTION_SIZE,):
         raise InvalidAction(f"an action must have shape ({ACTION_SIZE},), got {values.shape}")
-    if not np.isfinite(values).all():
-        raise InvalidAction(f"an action must be finite, got {values.tolist()}")
-    if np.abs(values).max() > MAX_ACTION + _ROUNDING:
-        raise InvalidAction(f"the entries of an action must lie within +-{MAX_ACTION}, got {values.tolist()}")
+    if not np.abs(values).max() <= MAX_ACTION + _ROUNDING:  # NaN compares false
+        wish = f"lie within +-{MAX_ACTION}" if np.isfinite(values).all() else "be finite"
+        raise InvalidAction(f"the entries of an action must {wish}, got {values.tolist()}")
     return values.astype(np.float64)
 
 
@@ -52,14 +51,17 @@ class EndEffectorController:
     """Solves inverse kinematics for one robot. Holds no state from one action to the next."""
 
     def __init__(self) -> None:
-        """Build the arm model."""
+        """Build the arm model; its fingers, which move the end effector nowhere, stay closed."""
         self._model = build_arm()
         self._data = data = mujoco.MjData(self._model)
         self._site = self._model.site(END_EFFECTOR_SITE).id
-        self._joints = data.qpos[:NUM_ARM_JOINTS]
+        self._joints = data.qpos
         self._position, self._matrix = data.site_xpos[self._site], data.site_xmat[self._site].reshape(3, 3)
         self._jacobian = np.zeros((6, self._model.nv))
-        self._lowest, self._highest = self._model.jnt_range[:NUM_ARM_JOINTS].T.copy()
+        self._error, self._quat = np.empty(6), np.empty(4)
+        self._lowest, self._highest = self._model.jnt_range.T.copy()
+        self._posture = data.qpos.copy()
+        self._posture[:NUM_ARM_JOINTS] = RESET_JOINTS_RAD
 
     def joint_targets(self, action: Array, joints_rad: Array) -> Array:
         """Joint angles ``(7,)`` that bring the end effector towards the action's pose.
@@ -72,31 +74,41 @@ class EndEffectorController:
             InvalidAction: If the 6D rotation is degenerate.
         """
         rotation = rot6d_to_matrix(action[3:9])
-        self._joints[:] = joints_rad
+        self._joints[:NUM_ARM_JOINTS] = joints_rad
         mujoco.mj_kinematics(self._model, self._data)
-        goal_position = self._position + _shortened(action[:3] - self._position, MAX_LEAD_M)
-        turn = _shortened(_rotation_error(rotation, self._matrix), MAX_LEAD_RAD)
-        self._solve(goal_position, _rotation(turn) @ self._matrix)
-        targets: Array = self._joints.copy()
+        position = action[:3]
+        self._measure_error(position, rotation)
+        lead, turn = mujoco.mju_norm3(self._error[:3]), mujoco.mju_norm3(self._error[3:])
+        if lead > MAX_LEAD_M:
+            position = self._position + self._error[:3] * (MAX_LEAD_M / lead)
+        if turn > MAX_LEAD_RAD:
+            rotation = _rotation(self._error[3:] * (MAX_LEAD_RAD / turn)) @ self._matrix
+        self._solve(position, rotation)
+        targets: Array = self._joints[:NUM_ARM_JOINTS].copy()
         return targets
+
+    def _measure_error(self, position: Array, rotation: Array) -> None:
+        """How far the end effector is from a pose: metres and, in the base frame, radians."""
+        np.subtract(position, self._position, out=self._error[:3])
+        mujoco.mju_mat2Quat(self._quat, (rotation @ self._matrix.T).ravel())
+        mujoco.mju_quat2Vel(self._error[3:], self._quat, 1.0)
 
     def _solve(self, position: Array, rotation: Array) -> None:
         """Move the arm model from where it is until its end effector reaches the pose."""
         model, data, joints = self._model, self._data, self._joints
-        arm = self._jacobian[:, :NUM_ARM_JOINTS]
-        error, solution = np.empty(6), np.empty(6)
+        jacobian, error = self._jacobian, self._error
+        solution = np.empty(6)
         for _ in range(_ITERATIONS):
-            error[:3] = position - self._position
-            error[3:] = _rotation_error(rotation, self._matrix)
-            if error @ error < _TOLERANCE**2:
+            self._measure_error(position, rotation)
+            if mujoco.mju_norm(error) < _TOLERANCE:
                 break
             mujoco.mj_comPos(model, data)
-            mujoco.mj_jacSite(model, data, self._jacobian[:3], self._jacobian[3:], self._site)
-            posture = _POSTURE_GAIN * (RESET_JOINTS_RAD - joints)
-            gram = arm @ arm.T + _DAMPING_MATRIX
+            mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], self._site)
+            posture = _POSTURE_GAIN * (self._posture - joints)
+            gram = jacobian @ jacobian.T + _DAMPING_MATRIX
             mujoco.mju_cholFactor(gram, 0.0)
-            mujoco.mju_cholSolve(solution, gram, error - arm @ posture)
-            step = _clipped(posture + arm.T @ solution, -_MAX_JOINT_STEP_RAD, _MAX_JOINT_STEP_RAD)
+            mujoco.mju_cholSolve(solution, gram, error - jacobian @ posture)
+            step = _clipped(posture + jacobian.T @ solution, -_MAX_JOINT_STEP_RAD, _MAX_JOINT_STEP_RAD)
             joints[:] = _clipped(joints + step, self._lowest, self._highest)
             mujoco.mj_kinematics(model, data)
 
@@ -115,22 +127,9 @@ def _clipped(values: Array, lowest: Array | float, highest: Array | float) -> Ar
     return clipped
 
 
-def _shortened(vector: Array, longest: float) -> Array:
-    length = float(np.sqrt(vector @ vector))
-    return vector if length <= longest else vector * (longest / length)
-
-
-def _rotation_error(goal: Array, present: Array) -> Array:
-    """Rotation vector in the base frame that turns ``present`` into ``goal`` [rad]."""
-    quat, rotvec = np.empty(4), np.empty(3)
-    mujoco.mju_mat2Quat(quat, (goal @ present.T).ravel())
-    mujoco.mju_quat2Vel(rotvec, quat, 1.0)
-    return rotvec
-
-
 def _rotation(rotvec: Array) -> Array:
-    angle = float(np.sqrt(rotvec @ rotvec))
+    angle = mujoco.mju_norm3(rotvec)
     quat, matrix = np.empty(4), np.empty(9)
-    mujoco.mju_axisAngle2Quat(quat, rotvec / angle if angle > 0 else np.array([1.0, 0.0, 0.0]), angle)
+    mujoco.mju_axisAngle2Quat(quat, rotvec / angle, angle)
     mujoco.mju_quat2Mat(matrix, quat)
     return matrix.reshape(3, 3)

@@ -235,24 +235,24 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def _has_diverged(self) -> bool:
         return not mujoco.mju_norm(self._velocities) < _DIVERGED_SPEED  # NaN compares false
 
-    def _outcome(self) -> Outcome | None:
+    def _outcome(self, parts_assembled: int) -> Outcome | None:
         if self._has_diverged():
             return Outcome.DIVERGED
-        if self._progress[1 : 1 + len(self.task.pairs)].all():
+        if parts_assembled == len(self.task.pairs):
             return Outcome.SUCCESS
-        if self._part_positions[:, 2].min() < _LOST_BELOW_M:
+        if min(self._part_positions[:, 2].tolist()) < _LOST_BELOW_M:
             return Outcome.PART_LOST
         return Outcome.TIMEOUT if self._progress[0] >= self.max_steps else None
 
     def _info(self) -> dict[str, Any]:
         pairs = len(self.task.pairs)
-        first_steps = self._progress[1 + pairs :]
+        progress = self._progress.tolist()
+        parts_assembled = int(sum(progress[1 : 1 + pairs]))
+        first_steps = zip(self.task.milestones, progress[1 + pairs :], strict=True)
         return {
-            "outcome": self._outcome(),
-            "parts_assembled": int(self._progress[1 : 1 + pairs].sum()),
-            "milestones": {
-                name: int(step) for name, step in zip(self.task.milestones, first_steps, strict=True) if step >= 0
-            },
+            "outcome": self._outcome(parts_assembled),
+            "parts_assembled": parts_assembled,
+            "milestones": {name: int(step) for name, step in first_steps if step >= 0},
         }
 
     def _body_name(self, body: int) -> str:

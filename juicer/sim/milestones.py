@@ -48,12 +48,13 @@ class PairTest:
             positions: Part positions ``(P, 3)``, all in one frame.
             matrices: Part rotations ``(P, 3, 3)``.
         """
-        near = (np.abs(self.offsets(positions, matrices)) <= POSITION_TOLERANCE_M).all(axis=1)
-        if not near.any():
-            return False
-        relative = matrices[self.pair.first].T @ matrices[self.pair.second]
-        cosines = (relative * self._matrices[near]).sum(axis=1)
-        return bool((cosines >= AXIS_COSINE).all(axis=1).any())
+        # Plain numbers: this runs at every step, and numpy is slow on so few of them.
+        for target, offset in enumerate(self.offsets(positions, matrices).tolist()):
+            if max(map(abs, offset)) <= POSITION_TOLERANCE_M:
+                relative = matrices[self.pair.first].T @ matrices[self.pair.second]
+                if (relative * self._matrices[target]).sum(axis=0).min() >= AXIS_COSINE:
+                    return True
+        return False
 
 
 class Milestones:

@@ -33,13 +33,15 @@ def test_a_held_leg_touches_the_gripper_and_nothing_else(leg_over_hole):
     assert touching == {("gripper", "square_table_leg4")}
 
 
-def test_a_dropped_in_leg_stands_on_its_thread_above_the_seat(leg_over_hole):
-    scene = leg_over_hole(0.0, height_m=0.026)
+@pytest.mark.parametrize("leg_yaw_deg", range(0, 181, 60))
+def test_a_dropped_in_leg_stands_on_its_thread_above_the_seat(leg_over_hole, leg_yaw_deg):
+    scene = leg_over_hole(np.deg2rad(leg_yaw_deg), height_m=0.026)
     scene.lower(14)
     scene.release()
     height, _, tilt = scene.leg()
     assert 0.005 < height < 0.016
-    assert tilt < np.deg2rad(17)  # the play of a bare shaft in the bore
+    assert tilt < np.deg2rad(25)  # the play of a bare shaft in the bore, where the bead leaves it room
+    assert scene.env.data.contact.dist.min(initial=0) > -0.0005
 
 
 def test_turning_clockwise_screws_the_leg_home_and_turning_back_lifts_it(leg_over_hole):
