@@ -8,14 +8,12 @@ from collections.abc import Iterable, Iterator
 from pydantic import Field
 
 from juicer.artifacts.ref import ArtifactRef
-from juicer.config import StrictConfig
 from juicer.episode import Episode, Outcome
-from juicer.evaluation import Purpose, claim, milestone_counts, wilson_interval
-from juicer.rollout import rollout
+from juicer.evaluation import Purpose, milestone_counts, wilson_interval
 from juicer.storage.episodes import write_episodes
 from juicer.storage.tables import EvaluationRow, write_evaluation
 from juicer.tasks.registry import get_task
-from juicer.tasks.specification import Randomness
+from stages.rollouts import RolloutConfig, roll_out
 from stages.stage import StageContext, stage
 
 EXAMPLES = "examples"
@@ -24,34 +22,16 @@ EXAMPLES_KEPT = 3
 """Successes, and as many failures."""
 
 
-class EvaluateConfig(StrictConfig):
+class EvaluateConfig(RolloutConfig):
     """How many episodes, and from where they start."""
 
-    task: str = Field(default="one_leg", description="assembly task")
-    randomness: Randomness = Field(default=Randomness.LOW, description="level of the initial states")
     episodes: int = Field(default=100, gt=0, description="evaluation episodes")
-    first: int = Field(default=0, ge=0, description="position of the first initial state among those for evaluation")
-    max_steps: int | None = Field(default=None, gt=0, description="steps an episode; the task's own limit if empty")
-    seed: int = Field(default=0, ge=0, description="root of the policy's noise")
 
 
 @stage(kind="evaluation", inputs={"checkpoint": "checkpoint"}, libraries=("mujoco", "numpy", "torch"))
 def evaluate(context: StageContext, *, checkpoint: ArtifactRef, config: EvaluateConfig) -> None:
     """Measure a policy's success rate, with its interval and the milestones of every episode."""
-    from juicer.policy.checkpoint import load_policy  # torch takes seconds to import
-
-    episodes = rollout(
-        load_policy(context.store.open(checkpoint, "checkpoint")),
-        config.task,
-        config.randomness,
-        claim(Purpose.EVALUATION, config.first, config.episodes),
-        num_envs=context.num_envs,
-        max_steps=config.max_steps,
-        policy_id=checkpoint.id,
-        root_seed=config.seed,
-        num_workers=context.workers,
-        progress=context.progress,
-    )
+    episodes = roll_out(context, checkpoint, config, Purpose.EVALUATION, config.episodes, context.progress)
     rows: list[EvaluationRow] = []
     examples = context.draft.path / EXAMPLES
     examples.mkdir()

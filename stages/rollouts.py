@@ -1,0 +1,53 @@
+"""Rollouts of a checkpoint's policy, as collection and evaluation both make them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pydantic import Field
+
+from juicer.artifacts.ref import ArtifactRef
+from juicer.config import StrictConfig
+from juicer.episode import Episode
+from juicer.evaluation import Purpose, claim
+from juicer.progress import Progress
+from juicer.rollout import rollout
+from juicer.tasks.specification import Randomness
+from stages.stage import StageContext
+
+
+class RolloutConfig(StrictConfig):
+    """Where rollouts start and how long they may take."""
+
+    task: str = Field(default="one_leg", description="assembly task")
+    randomness: Randomness = Field(default=Randomness.LOW, description="level of the initial states")
+    first: int = Field(default=0, ge=0, description="position of the first initial state among those for the purpose")
+    max_steps: int | None = Field(default=None, gt=0, description="steps an episode; the task's own limit if empty")
+    seed: int = Field(default=0, ge=0, description="root of the policy's noise")
+
+
+def roll_out(
+    context: StageContext,
+    checkpoint: ArtifactRef,
+    config: RolloutConfig,
+    purpose: Purpose,
+    max_episodes: int,
+    progress: Progress,
+    stop_after_successes: int | None = None,
+) -> Iterator[Episode]:
+    """Episodes of a checkpoint's policy from initial states that belong to ``purpose``, in their order."""
+    from juicer.policy.checkpoint import load_policy  # torch takes seconds to import
+
+    return rollout(
+        load_policy(context.store.open(checkpoint, "checkpoint")),
+        config.task,
+        config.randomness,
+        claim(purpose, config.first, max_episodes),
+        num_envs=context.num_envs,
+        max_steps=config.max_steps,
+        policy_id=checkpoint.id,
+        root_seed=config.seed,
+        stop_after_successes=stop_after_successes,
+        num_workers=context.workers,
+        progress=progress,
+    )
