@@ -75,7 +75,7 @@ def test_an_episode_that_ends_on_the_way_gives_no_snippet(
     reference: Reference, outcome: Outcome, monkeypatch: pytest.MonkeyPatch
 ):
     env = AssemblyEnv("one_leg")
-    monkeypatch.setattr(env, "_outcome", lambda: outcome)
+    monkeypatch.setattr(env, "_outcome", lambda parts_assembled: outcome)
     assert execute(env, reference, departure(reference)) == outcome.value
     assert execute(env, reference, AT_ONCE) == outcome.value
 
