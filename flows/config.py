@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from flows.conditions import METHODS, Condition
-from juicer.annotation import AnnotationConfig
 from juicer.config import StrictConfig, override, parse_config, read_mapping
+from juicer.critical_states import AnnotationConfig
 from juicer.errors import ConfigError, did_you_mean
 from juicer.ingestion import IngestionConfig
 from juicer.policy.config import HorizonConfig, MLPConfig, PolicyConfig

@@ -6,9 +6,9 @@ from collections import Counter
 from pathlib import Path
 from statistics import fmean
 
-from juicer.annotation import AnnotationConfig
 from juicer.annotation import annotate as annotate_demonstrations
 from juicer.artifacts.ref import ArtifactRef
+from juicer.critical_states import AnnotationConfig
 from juicer.labels import read_labels
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.tables import write_annotations

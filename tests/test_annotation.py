@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from juicer.annotation import AnnotationConfig, annotate, propose
+from juicer.annotation import annotate
+from juicer.critical_states import AnnotationConfig, propose
 from juicer.episode import STATE_KEY, Episode, Outcome
 from juicer.errors import InvalidLabels
 from juicer.geometry import quat_to_matrix, relative_pose

@@ -84,7 +84,7 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._controller = EndEffectorController()
         self._progress = np.zeros(1 + len(self.task.pairs) + len(self.task.milestones))
         self._tests = tuple(PairTest(pair) for pair in self.task.pairs)
-        self._milestones = Milestones(self.task, self._tests[0])
+        self._milestones = Milestones(self.task, self._tests)
         self._state = SimulatorState(self.model, self._progress.size)
         self._renderer: CameraRenderer | None = None
         self._index_model()
@@ -105,6 +105,8 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._fingers = np.array([model.joint(name).qposadr[0] for name in FINGER_JOINTS])
         first = model.joint(self.task.parts[0].name).qposadr[0]
         self._parts = slice(first, first + 7 * len(self.task.parts))
+        starts = {part.name: model.joint(part.name).dofadr[0] for part in self.task.parts if part.rolls}
+        self._rolling = [slice(start, start + 6) for start in starts.values()]
         first_body = model.body(self.task.parts[0].name).id
         bodies = slice(first_body, first_body + len(self.task.parts))
         self._part_positions = self.data.xpos[bodies]
@@ -122,7 +124,7 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.data.qpos[self._fingers] = self.task.gripper_width_m / 2
         self.data.ctrl[NUM_ARM_JOINTS] = GRIP_FORCE_N
         self.data.qpos[self._parts] = poses.ravel()
-        mujoco.mj_step(self.model, self.data, round(SETTLING_S / self.model.opt.timestep))
+        self._settle()
         self.data.time = 0.0
         self._progress[:] = -1
         self._progress[: 1 + len(self.task.pairs)] = 0
@@ -214,14 +216,23 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         assembled = self._progress[1 : 1 + pairs]
         reward = 0.0
         for index, test in enumerate(self._tests):
-            if not assembled[index] and test.passes(positions, matrices):
+            ready = not assembled[index] and all(assembled[before] for before in test.pair.after)
+            if ready and test.passes(positions, matrices):
                 assembled[index] = 1
                 reward += 1.0
         first_steps = self._progress[1 + pairs :]
-        for index, reached in enumerate(self._milestones.reached(positions, matrices, bool(assembled.all()))):
+        for index, reached in enumerate(self._milestones.reached(positions, matrices, assembled.tolist())):
             if reached and first_steps[index] < 0:
                 first_steps[index] = self._progress[0]
         return reward
+
+    def _settle(self) -> None:
+        """Let the parts come to rest; what would roll is kept from it, and sleeps from then on until it is touched."""
+        steps = round(SETTLING_S / self.model.opt.timestep)
+        for _ in range(0, steps, SUBSTEPS_PER_UPDATE):
+            mujoco.mj_step(self.model, self.data, SUBSTEPS_PER_UPDATE)
+            for velocities in self._rolling:
+                self._velocities[velocities] = 0.0
 
     def _advance(self) -> bool:
         try:

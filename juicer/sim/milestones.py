@@ -6,12 +6,14 @@ never sees them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from juicer.geometry import quat_to_matrix
 from juicer.sim.scene import FENCE_CORNER_XY
-from juicer.tasks.specification import AssemblyPair, AssemblyTask
+from juicer.tasks.specification import AssemblyPair, AssemblyTask, Joint
 
 POSITION_TOLERANCE_M = 0.005
 AXIS_COSINE = 0.94
@@ -51,6 +53,8 @@ class PairTest:
         # Plain numbers: this runs at every step, and numpy is slow on so few of them.
         for target, offset in enumerate(self.offsets(positions, matrices).tolist()):
             if max(map(abs, offset)) <= POSITION_TOLERANCE_M:
+                if self.pair.any_rotation:
+                    return True
                 relative = matrices[self.pair.first].T @ matrices[self.pair.second]
                 if (relative * self._matrices[target]).sum(axis=0).min() >= AXIS_COSINE:
                     return True
@@ -58,34 +62,63 @@ class PairTest:
 
 
 class Milestones:
-    """Milestones of a task with one pair whose second part is screwed into the first."""
+    """Milestones of a task: the first part in the corner, and for each pair how far its second part has come."""
 
-    def __init__(self, task: AssemblyTask, test: PairTest) -> None:
-        """Prepare for ``task``, whose only pair is tested by ``test``."""
-        self._test = test
-        first, second = task.parts[test.pair.first], task.parts[test.pair.second]
-        # A square top in the corner has its outer faces at the fence's inner faces.
-        self._home_x, self._home_y = (corner - first.footprint[0] / 2 for corner in FENCE_CORNER_XY)
-        self._lifted_z = second.start[2] + _LIFTED_M
+    def __init__(self, task: AssemblyTask, tests: Sequence[PairTest]) -> None:
+        """Prepare for ``task``, whose pairs are tested by ``tests``."""
+        base = task.parts[0]
+        # A part in the corner has its outer faces at the fence's inner faces.
+        self._home_x, self._home_y = (
+            corner - size / 2 for corner, size in zip(FENCE_CORNER_XY, base.footprint, strict=True)
+        )
+        self._pairs = [_PairProgress(task, test) for test in tests]
 
-    def reached(self, positions: Array, matrices: Array, assembled: bool) -> tuple[bool, ...]:
+    def reached(self, positions: Array, matrices: Array, assembled: Sequence[float]) -> list[bool]:
         """Which milestones hold at this moment, in the order of ``task.milestones``.
 
         Args:
             positions: Part positions ``(P, 3)`` in the robot base frame.
             matrices: Part rotations ``(P, 3, 3)``.
-            assembled: Whether the pair is assembled.
+            assembled: Whether each pair is assembled.
         """
+        x, y, _ = positions[0].tolist()
+        milestones = [abs(self._home_x - x) < _PLACED_M and abs(self._home_y - y) < _PLACED_M]
+        for pair, done in zip(self._pairs, assembled, strict=True):
+            milestones += pair.reached(positions, matrices, bool(done))
+        return milestones
+
+
+class _PairProgress:
+    """How far the second part of a pair has come."""
+
+    def __init__(self, task: AssemblyTask, test: PairTest) -> None:
+        self._test = test
+        self._is_screwed = test.pair.joint is Joint.SCREWED
+        self._lifted_z = task.parts[test.pair.second].start[2] + _LIFTED_M
+        # All targets of a pair have the same axis: that of the second part, seen from the first.
+        self._axis = quat_to_matrix(np.array(test.pair.targets[0][3:]))[:, 1]
+        # Outwards is where the second part comes from.
+        self._outwards = float(np.sign(self._axis @ np.array(test.pair.targets[0][:3])))
+
+    def reached(self, positions: Array, matrices: Array, assembled: bool) -> tuple[bool, ...]:
         first, second = self._test.pair.first, self._test.pair.second
-        top_x, top_y, _ = positions[first].tolist()
-        placed = abs(self._home_x - top_x) < _PLACED_M and abs(self._home_y - top_y) < _PLACED_M
         lifted = float(positions[second, 2]) > self._lifted_z
-        upright = float(matrices[second, 2, 1]) > AXIS_COSINE
+        if not self._is_screwed:
+            return (lifted, lifted and self._is_over(positions, matrices), assembled)
+        upright = float(matrices[first] @ self._axis @ matrices[second, :, 1]) > AXIS_COSINE
         if not upright:
-            return (placed, lifted, False, False, False, assembled)
+            return (lifted, False, False, False, assembled)
+        aside, height = self._offset(positions, matrices)
+        in_hole = aside < _INSERTED_M and height < _INSERTED_HEIGHT_M
+        return (lifted, lifted, aside < _OVER_HOLE_M and (lifted or in_hole), in_hole, assembled)
+
+    def _is_over(self, positions: Array, matrices: Array) -> bool:
+        return self._offset(positions, matrices)[0] < _OVER_HOLE_M
+
+    def _offset(self, positions: Array, matrices: Array) -> tuple[float, float]:
+        """Distance from the nearest target's axis, and height over its seat [m]."""
         offsets = self._test.offsets(positions, matrices)
-        lateral = np.hypot(offsets[:, 0], offsets[:, 2])
-        nearest = int(np.argmin(lateral))
-        in_hole = float(lateral[nearest]) < _INSERTED_M and float(offsets[nearest, 1]) < _INSERTED_HEIGHT_M
-        over_hole = float(lateral[nearest]) < _OVER_HOLE_M and (lifted or in_hole)
-        return (placed, lifted, lifted, over_hole, in_hole, assembled)
+        heights = offsets @ self._axis
+        aside = np.linalg.norm(offsets - heights[:, None] * self._axis, axis=1)
+        nearest = int(np.argmin(aside))
+        return float(aside[nearest]), self._outwards * float(heights[nearest])

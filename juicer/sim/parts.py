@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 
 from juicer.sim.contacts import BORE_WALL, HOLE_BEAD, PART, PEG, PEG_BEAD
-from juicer.tasks.specification import Bore, PartSpec, Peg, Thread
+from juicer.tasks.specification import Bore, PartSpec, Peg, Shell, Thread
 
 HOLE_BEADS_PER_TURN = 16
 PEG_BEADS_PER_TURN = 12
@@ -36,8 +36,16 @@ def add_part(spec: mujoco.MjSpec, part: PartSpec) -> None:
     rgba = (*part.rgb, 1.0)
     for box in part.boxes:
         body.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX, pos=box.center, size=box.half_size, rgba=rgba, **PART.attributes()
-        )
+            type=mujoco.mjtGeom.mjGEOM_BOX, pos=box.center, size=box.half_size, quat=_turn(box.yaw_rad), rgba=rgba,
+            **PART.attributes(),
+        )  # fmt: skip
+    for ball in part.balls:
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_SPHERE, pos=ball.center, size=(ball.radius, 0, 0), rgba=rgba,
+            **PART.attributes(),
+        )  # fmt: skip
+    for shell in part.shells:
+        _add_shell(body, shell, rgba)
     for peg in part.pegs:
         _add_peg(body, peg, rgba)
     for bore in part.bores:
@@ -59,6 +67,27 @@ def _add_peg(body: mujoco.MjsBody, peg: Peg, rgba: tuple[float, ...]) -> None:
         )  # fmt: skip
 
 
+def _turn(yaw_rad: float) -> tuple[float, float, float, float]:
+    return (math.cos(yaw_rad / 2), 0.0, math.sin(yaw_rad / 2), 0.0)
+
+
+def _add_shell(body: mujoco.MjsBody, shell: Shell, rgba: tuple[float, ...]) -> None:
+    height, growth = shell.top_y - shell.bottom_y, shell.top_radius - shell.bottom_radius
+    slope = math.atan2(growth, height)
+    middle = (shell.bottom_radius + shell.top_radius) / 2 + shell.thickness / 2 / math.cos(slope)
+    widest = max(shell.bottom_radius, shell.top_radius) + shell.thickness
+    half_size = (widest * math.tan(math.pi / shell.panels), height / 2 / math.cos(slope), shell.thickness / 2)
+    for angle in np.arange(shell.panels) * 2 * math.pi / shell.panels:
+        # Turned about y to its place, then leant outwards about its own x axis.
+        quat = np.empty(4)
+        mujoco.mju_mulQuat(quat, np.array(_turn(angle)), np.array([math.cos(slope / 2), math.sin(slope / 2), 0, 0]))
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX, size=half_size, quat=quat, rgba=rgba,
+            pos=(middle * math.sin(angle), (shell.bottom_y + shell.top_y) / 2, middle * math.cos(angle)),
+            **PART.attributes(),
+        )  # fmt: skip
+
+
 def _add_bore(body: mujoco.MjsBody, bore: Bore, rgba: tuple[float, ...]) -> None:
     thickness = bore.outer_radius - bore.inner_radius
     middle = bore.inner_radius + thickness / 2
@@ -68,7 +97,7 @@ def _add_bore(body: mujoco.MjsBody, bore: Bore, rgba: tuple[float, ...]) -> None
         body.add_geom(
             type=mujoco.mjtGeom.mjGEOM_BOX, size=(half_width, half_y, thickness / 2), rgba=rgba,
             pos=(bore.center_xz[0] + middle * math.sin(angle), center_y, bore.center_xz[1] + middle * math.cos(angle)),
-            quat=(math.cos(angle / 2), 0, math.sin(angle / 2), 0), **BORE_WALL.attributes(),
+            quat=_turn(angle), **BORE_WALL.attributes(),
         )  # fmt: skip
 
 

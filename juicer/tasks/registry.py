@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from juicer.errors import ConfigError, did_you_mean
+from juicer.tasks.lamp import LAMP
 from juicer.tasks.one_leg import ONE_LEG
+from juicer.tasks.round_table import ROUND_TABLE
 from juicer.tasks.specification import AssemblyTask
+from juicer.tasks.square_table import SQUARE_TABLE
 
-_TASKS = {task.name: task for task in (ONE_LEG,)}
+_TASKS = {task.name: task for task in (ONE_LEG, ROUND_TABLE, LAMP, SQUARE_TABLE)}
 TASK_NAMES = tuple(_TASKS)
 
 

@@ -42,10 +42,40 @@ def parse_randomness(text: str) -> Randomness:
 
 @dataclass(frozen=True)
 class Box:
-    """Solid box, axes along the part's."""
+    """Solid box; ``yaw_rad`` turns it about the part's y axis."""
 
     center: Vector
     half_size: Vector
+    yaw_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class Ball:
+    """Solid sphere."""
+
+    center: Vector
+    radius: float
+
+
+@dataclass(frozen=True)
+class Shell:
+    """Thin wall around the part's y axis, cylindrical or conical: a ring of flat panels.
+
+    Attributes:
+        bottom_y: Height of its lower edge.
+        top_y: Height of its upper edge.
+        bottom_radius: Inner radius at the lower edge (to the middle of a panel).
+        top_radius: Inner radius at the upper edge.
+        thickness: Of the wall.
+        panels: Number of panels.
+    """
+
+    bottom_y: float
+    top_y: float
+    bottom_radius: float
+    top_radius: float
+    thickness: float
+    panels: int
 
 
 @dataclass(frozen=True)
@@ -102,10 +132,13 @@ class PartSpec:
         mass: Kilograms.
         center_of_mass: In the part frame.
         inertia: Principal moments about the centre of mass, along the part's axes [kg m^2].
-        boxes, pegs, bores, threads: Its geometry.
+        boxes, balls, shells, pegs, bores, threads: Its geometry.
         start: Mean initial pose in the robot base frame.
         footprint: Extents (x, y) of the rectangle that keeps other parts away at reset.
         rgb: Colour, each channel in [0, 1].
+        is_round: Whether the footprint is a disc.
+        start_shift_m: Range of its random shift along x and y at reset, if it has one of its own.
+        rolls: Whether it is kept from rolling while the scene settles; afterwards it lies until it is touched.
     """
 
     name: str
@@ -116,9 +149,21 @@ class PartSpec:
     footprint: tuple[float, float]
     rgb: Vector
     boxes: tuple[Box, ...] = ()
+    balls: tuple[Ball, ...] = ()
+    shells: tuple[Shell, ...] = ()
     pegs: tuple[Peg, ...] = ()
     bores: tuple[Bore, ...] = ()
     threads: tuple[Thread, ...] = ()
+    is_round: bool = False
+    start_shift_m: tuple[float, float] | None = None
+    rolls: bool = False
+
+
+class Joint(StrEnum):
+    """How the second part of a pair is mounted, along its own y axis."""
+
+    SCREWED = "screwed"
+    PUT_ON = "put_on"
 
 
 @dataclass(frozen=True)
@@ -126,16 +171,51 @@ class AssemblyPair:
     """Two parts that belong together.
 
     Attributes:
+        label: What the second part is called in milestones.
         first: Index of the reference part.
         second: Index of the part mounted on it.
         targets: Poses of the second in the first's frame, any of which counts.
         operator_target: Index of the target that demonstrators aim at.
+        joint: How it is mounted.
+        any_rotation: Whether its rotation does not matter.
+        after: Pairs, by index, that must be assembled before this one counts.
     """
 
+    label: str
     first: int
     second: int
     targets: tuple[Pose, ...]
-    operator_target: int
+    operator_target: int = 0
+    joint: Joint = Joint.SCREWED
+    any_rotation: bool = False
+    after: tuple[int, ...] = ()
+
+    @property
+    def milestones(self) -> tuple[str, ...]:
+        """Names of the steps on the way, in order."""
+        steps = {
+            Joint.SCREWED: ("lifted", "upright", "over_hole", "inserted", "screwed"),
+            Joint.PUT_ON: ("lifted", "over_seat", "put_on"),
+        }[self.joint]
+        return tuple(f"{self.label}_{step}" for step in steps)
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """Critical state: just before the gripper closes on a part, by index, to pick it up or to push it."""
+
+    part: int
+
+
+@dataclass(frozen=True)
+class Insertion:
+    """Critical state: just before the second part of a pair, by index, touches the first."""
+
+    pair: int
+
+
+CriticalState = Grasp | Insertion
+"""A step where precision decides, as a kind of event."""
 
 
 @dataclass(frozen=True)
@@ -145,19 +225,29 @@ class AssemblyTask:
     Attributes:
         name: Unique name.
         parts: Parts in the order of the observation.
+        base_label: What the first part, which is pushed into the corner, is called in milestones.
         pairs: What has to be assembled, in order.
         high_layouts: For each hand-picked layout of ``high`` randomness, a pose a part.
         max_steps: Steps after which an episode times out (1000 a pair in the paper).
-        num_critical_states: Critical states a demonstration (paper Table IV).
+        critical_states: Those of a demonstration, in order (as many as in the paper's Table IV).
         gripper_width_m: Opening of the gripper.
-        milestones: Names of the steps on the way to success, in order.
     """
 
     name: str
     parts: tuple[PartSpec, ...]
+    base_label: str
     pairs: tuple[AssemblyPair, ...]
     high_layouts: tuple[Mapping[str, Pose], ...]
     max_steps: int
-    num_critical_states: int
+    critical_states: tuple[CriticalState, ...]
     gripper_width_m: float
-    milestones: tuple[str, ...]
+
+    @property
+    def num_critical_states(self) -> int:
+        """Critical states a demonstration."""
+        return len(self.critical_states)
+
+    @property
+    def milestones(self) -> tuple[str, ...]:
+        """Names of the steps on the way to success, in order."""
+        return (f"{self.base_label}_placed", *(name for pair in self.pairs for name in pair.milestones))

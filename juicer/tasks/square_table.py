@@ -1,4 +1,4 @@
-"""Parts of FurnitureBench's square table, as measured from its meshes.
+"""square_table: four legs to be screwed into a tray-shaped top. Its parts, as measured from FurnitureBench's meshes.
 
 Deviations from the measured facts, each for a reason:
 
@@ -9,13 +9,9 @@ Deviations from the measured facts, each for a reason:
 
 from __future__ import annotations
 
-import math
+from juicer.tasks.benchmark import BEAD_RADIUS, MM, PITCH, base_pose
+from juicer.tasks.specification import AssemblyPair, AssemblyTask, Bore, Box, Insertion, PartSpec, Peg, Pose, Thread
 
-from juicer.tasks.specification import Bore, Box, PartSpec, Peg, Pose, Thread
-
-MM = 1e-3
-PITCH = 9.375 * MM
-BEAD_RADIUS = 2.1875 * MM
 HOLE_OFFSET = 56.25 * MM
 HOLES_XZ = tuple((sx * HOLE_OFFSET, sz * HOLE_OFFSET) for sx in (-1, 1) for sz in (-1, 1))
 """Axes of the four holes in the top's frame, in the order of the assembled poses."""
@@ -25,17 +21,6 @@ ASSEMBLED_LEG_POSES: tuple[Pose, ...] = tuple((x, 46.875 * MM, z, 1.0, 0.0, 0.0,
 
 _PLATE_BOTTOM, _PLATE_TOP, _RIM_TOP = -15.685 * MM, -9.435 * MM, 15.565 * MM
 _HALF_WIDTH, _WALL = 81.25 * MM, 6.25 * MM
-
-# World positions of the benchmark, moved into the robot base frame (base at world x -0.3, z 0.43).
-_BASE_X, _BASE_Z = -0.3, 0.43
-_HALF_SQRT = math.sqrt(0.5)
-
-
-def base_pose(world_x: float, world_y: float, world_z: float, *quat_wxyz: float) -> Pose:
-    """Pose in the robot base frame of a pose that the benchmark gives in its world frame."""
-    w, x, y, z = quat_wxyz
-    norm = math.sqrt(w * w + x * x + y * y + z * z)
-    return (world_x - _BASE_X, world_y, world_z - _BASE_Z, w / norm, x / norm, y / norm, z / norm)
 
 
 def _rim() -> tuple[Box, ...]:
@@ -85,3 +70,58 @@ def square_table_leg(number: int, world_y: float, rgb: tuple[float, float, float
         pegs=(Peg(10.0 * MM, -56.25 * MM, -31.25 * MM),),
         threads=(Thread((0.0, 0.0), -50.0 * MM, 0.0, 2.0, PITCH, 10.0 * MM, BEAD_RADIUS, internal=False),),
     )
+
+
+SQUARE_TABLE_PARTS = (
+    square_table_top(),
+    square_table_leg(1, -0.20, (0.55, 0.62, 0.70)),
+    square_table_leg(2, -0.12, (0.55, 0.62, 0.70)),
+    square_table_leg(3, 0.12, (0.55, 0.62, 0.70)),
+    square_table_leg(4, 0.20, (0.80, 0.50, 0.28)),
+)
+
+# FurnitureBench's three stored layouts of high randomness (world frame, quaternion wxyz).
+_HIGH = (
+    (
+        base_pose(0.2332, 0.0017, 0.4307, 0.701, 0.705, -0.081, -0.077),
+        base_pose(0.1740, 0.1241, 0.4300, 0.754, -0.003, 0.004, -0.657),
+        base_pose(0.1500, 0.1491, 0.4383, 0.004, -0.648, -0.761, 0.001),
+        base_pose(0.1895, -0.1195, 0.4324, 0.469, -0.542, -0.449, -0.534),
+        base_pose(0.1288, -0.1531, 0.4333, 0.442, -0.006, 0.005, -0.897),
+    ),
+    (
+        base_pose(0.2105, -0.0207, 0.4307, 0.700, 0.708, 0.063, 0.071),
+        base_pose(0.1702, 0.1141, 0.4301, 0.014, -0.748, -0.664, 0.006),
+        base_pose(0.2095, -0.0462, 0.4340, 0.000, -0.706, -0.708, 0.000),
+        base_pose(0.0991, 0.2111, 0.4312, 0.446, 0.544, 0.454, -0.547),
+        base_pose(0.2546, -0.1481, 0.4317, 0.514, -0.013, 0.010, -0.857),
+    ),
+    (
+        base_pose(0.1401, -0.0737, 0.4322, 0.695, 0.697, -0.129, -0.123),
+        base_pose(0.1628, 0.0707, 0.4313, 0.341, 0.615, 0.347, -0.621),
+        base_pose(0.3183, -0.0781, 0.4300, 0.386, 0.589, 0.388, -0.595),
+        base_pose(0.1021, 0.1526, 0.4308, 0.635, -0.011, 0.015, -0.773),
+        base_pose(0.2820, 0.0850, 0.4315, 0.033, 0.701, 0.040, -0.711),
+    ),
+)
+HIGH_LAYOUTS = tuple(
+    {part.name: pose for part, pose in zip(SQUARE_TABLE_PARTS, layout, strict=True)} for layout in _HIGH
+)
+
+
+def leg_pair(number: int, label: str, hole: int) -> AssemblyPair:
+    """Leg of a number in any hole; demonstrators aim at one of :data:`HOLES_XZ`."""
+    return AssemblyPair(label=label, first=0, second=number, targets=ASSEMBLED_LEG_POSES, operator_target=hole)
+
+
+# In the benchmark's order. The holes farthest from the robot come first, so that no standing leg is in the way.
+SQUARE_TABLE = AssemblyTask(
+    name="square_table",
+    parts=SQUARE_TABLE_PARTS,
+    base_label="top",
+    pairs=(leg_pair(4, "leg4", 0), leg_pair(3, "leg3", 2), leg_pair(1, "leg1", 1), leg_pair(2, "leg2", 3)),
+    high_layouts=HIGH_LAYOUTS,
+    max_steps=4000,
+    critical_states=tuple(Insertion(pair) for pair in range(4)),
+    gripper_width_m=0.065,
+)

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from juicer.errors import ConfigError, did_you_mean
 from juicer.tasks.specification import AssemblyTask
-from juicer.teleoperation.one_leg import OneLegHabits, OneLegOperator
+from juicer.teleoperation.assembly import AssemblyOperator
+from juicer.teleoperation.handling import Habits
 from juicer.teleoperation.pose import turned
 from juicer.teleoperation.scene import Scene
 from juicer.teleoperation.skills import OPEN, Command, Skill
@@ -80,12 +80,10 @@ class ScriptedOperator:
         Raises:
             ConfigError: If the operator has not learned the task.
         """
-        if task.name not in _LEARNED:
-            raise ConfigError(f"the scripted operator has not learned '{task.name}'{did_you_mean(task.name, _LEARNED)}")
         self._task = task
         self._rng = rng
         self._temperament = temperament or Temperament()
-        self._operator = _LEARNED[task.name](task, OneLegHabits.draw(rng))
+        self._operator = AssemblyOperator(task, Habits.draw(rng))
         self._work: Skill | None = None
         self._tremor = np.zeros(6)
         self._tempo = 1.0
@@ -138,6 +136,3 @@ class ScriptedOperator:
         action = np.concatenate([position, rotation[0], rotation[1], [command.gripper]])
         rounded: NDArray[np.float32] = np.clip(action, -1.0, 1.0).astype(np.float32)
         return rounded
-
-
-_LEARNED = {"one_leg": OneLegOperator}

@@ -2,53 +2,118 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
+
 import numpy as np
 import pytest
 
 from juicer.episode import ACTION_SIZE
-from juicer.geometry import axis_rotation, matrix_to_quat, matrix_to_rot6d, quat_to_matrix, relative_pose
+from juicer.geometry import (
+    axis_rotation,
+    matrix_to_quat,
+    matrix_to_rot6d,
+    quat_multiply,
+    quat_to_matrix,
+    rotvec_to_matrix,
+)
 from juicer.sim.env import NUM_ARM_JOINTS, AssemblyEnv
 from juicer.sim.panda import GRIP_FORCE_N, RESET_JOINTS_RAD
-
-GRASP_ABOVE_ORIGIN_M = 0.010
-HALF_LEG_M = 0.0149
+from juicer.sim.scene import FENCE_CORNER_XY
 
 
-class LegOverHole:
-    """An environment whose gripper holds leg 4 upright over the operators' hole."""
+@dataclass(frozen=True)
+class Grasp:
+    """How the gripper holds a part from above.
 
-    def __init__(self, leg_yaw_rad: float, height_m: float) -> None:
-        """Hold the leg ``height_m`` above its seat, turned by ``leg_yaw_rad`` from its assembled pose."""
-        self.env = AssemblyEnv()
+    Attributes:
+        height_m: Height over the part's origin.
+        half_width_m: Half the part's width there.
+        flat_rad: Yaw at which the fingers lie flat on it.
+        flat_every_rad: Turn after which they do again.
+        clear_m: How far the open hand goes up to turn back past it.
+    """
+
+    height_m: float
+    half_width_m: float
+    flat_rad: float = 0.0
+    flat_every_rad: float = np.pi / 2
+    clear_m: float = 0.0
+
+
+GRASPS = {
+    "square_table_leg4": Grasp(0.010, 0.0149),
+    "round_table_leg": Grasp(0.032, 0.0212, flat_every_rad=np.pi / 6),
+    "round_table_base": Grasp(0.004, 0.0233, flat_rad=np.pi / 4, clear_m=0.04),
+    "lamp_bulb": Grasp(0.038, 0.0299),
+}
+
+
+class PartOverHole:
+    """An environment whose gripper holds the second part of a pair over its hole; earlier pairs are assembled."""
+
+    def __init__(self, task: str, pair: int, yaw_rad: float, height_m: float) -> None:
+        """Hold the part ``height_m`` above its seat, turned by ``yaw_rad`` from its assembled pose."""
+        self.env = AssemblyEnv(task)
         self.env.reset(seed=0)
-        self.pair = self.env.task.pairs[0]
+        self.pair = self.env.task.pairs[pair]
         self.target = np.array(self.pair.targets[self.pair.operator_target])
-        # The nearest quarter turn at which the fingers lie flat on the leg.
-        self.hand_yaw = (leg_yaw_rad + np.pi / 4) % (np.pi / 2) - np.pi / 4
-        self._place(leg_yaw_rad, height_m)
+        self.grasp = GRASPS[self.env.task.parts[self.pair.second].name]
+        self._place(pair, yaw_rad, height_m)
 
-    def _place(self, leg_yaw_rad: float, height_m: float) -> None:
+    def _place(self, pair: int, yaw_rad: float, height_m: float) -> None:
         env, data = self.env, self.env.data
         poses = self.part_poses()
-        poses[0] = [0.59, 0.0836, env.task.parts[0].start[2] + 1e-4, *env.task.parts[0].start[3:]]
-        top = quat_to_matrix(poses[0, 3:])
-        self.hole = poses[0, :3] + top @ self.target[:3]
-        poses[4, :3] = self.hole + np.array([0, 0, height_m])
-        poses[4, 3:] = matrix_to_quat(top @ axis_rotation("y", leg_yaw_rad))
+        base = env.task.parts[0]
+        corner = [edge - size / 2 - 2e-4 for edge, size in zip(FENCE_CORNER_XY, base.footprint, strict=True)]
+        poses[0] = [*corner, base.start[2] + 1e-4, *base.start[3:]]
+        for earlier in env.task.pairs[:pair]:
+            poses[earlier.second] = self._on(poses[earlier.first], np.array(earlier.targets[earlier.operator_target]))
+        poses[self.pair.second] = self._on(poses[self.pair.first], self.target)
+        self.hole = poses[self.pair.second, :3].copy()
+        turn = rotvec_to_matrix(np.array([0.0, 0.0, yaw_rad]))
+        poses[self.pair.second, 3:] = matrix_to_quat(turn @ quat_to_matrix(poses[self.pair.second, 3:]))
+        poses[self.pair.second, 2] += height_m
+        self.hand_yaw = self._flat_yaw()
         joints = RESET_JOINTS_RAD.copy()
-        goal = self.action(poses[4, :3] + np.array([0, 0, GRASP_ABOVE_ORIGIN_M]), self.hand_yaw, grip=1.0)
+        held = poses[self.pair.second, :3] + np.array([0, 0, self.grasp.height_m])
+        goal = self.action(held, self.hand_yaw, grip=1.0)
         for _ in range(60):
             joints = env._controller.joint_targets(goal, joints)
         data.qpos[:NUM_ARM_JOINTS] = data.ctrl[:NUM_ARM_JOINTS] = joints
-        data.qpos[env._fingers] = HALF_LEG_M
+        data.qpos[env._fingers] = self.grasp.half_width_m
         data.ctrl[NUM_ARM_JOINTS] = -GRIP_FORCE_N
         data.qvel[:] = 0
         data.tree_asleep[:] = -11
         env.set_state(env.get_state())
 
+    @staticmethod
+    def _on(first: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """Pose of a part that has a pose in the frame of another."""
+        position = first[:3] + quat_to_matrix(first[3:]) @ target[:3]
+        return np.array([*position, *quat_multiply(first[3:], target[3:])])
+
+    def _flat_yaw(self) -> float:
+        """A yaw near zero at which the fingers lie flat on the part."""
+        matrix = quat_to_matrix(self.part_poses()[self.pair.second, 3:])
+        yaw = float(np.arctan2(matrix[1, 0], matrix[0, 0])) + self.grasp.flat_rad
+        every = self.grasp.flat_every_rad
+        return (yaw + every / 2) % every - every / 2
+
     def part_poses(self) -> np.ndarray:
         """View ``(5, 7)`` on the simulator's part poses."""
         return self.env.data.qpos[self.env._parts].reshape(-1, 7)
+
+    def nudge(self, velocity_m_s: float) -> None:
+        """Set everything that is assembled in motion along the table."""
+        for part in (self.env.task.parts[0], *(self.env.task.parts[pair.second] for pair in self.env.task.pairs)):
+            start = self.env.model.joint(part.name).dofadr[0]
+            self.env.data.qvel[start : start + 2] = velocity_m_s
+        self.env.data.tree_asleep[:] = -11
+
+    def settle(self) -> None:
+        """A step in which nothing is done, so that pairs that are assembled count as such."""
+        self.env.step(self.action(self.hand(), self.hand_yaw, grip=1.0))
 
     def hand(self) -> np.ndarray:
         """End-effector position."""
@@ -61,13 +126,14 @@ class LegOverHole:
         action[3:9] = matrix_to_rot6d(axis_rotation("z", yaw) @ axis_rotation("x", np.pi))
         return action
 
-    def leg(self) -> tuple[float, float, float]:
-        """Height above the seat [m], yaw from the assembled pose and tilt [rad] of the leg."""
+    def part(self) -> tuple[float, float, float]:
+        """Height above the seat [m], yaw from the assembled pose and tilt [rad] of the part."""
         poses = self.part_poses()
-        relative = relative_pose(poses[0], poses[4])
-        matrix = quat_to_matrix(relative[3:])
+        seat = self._on(poses[self.pair.first], self.target)
+        matrix = quat_to_matrix(seat[3:]).T @ quat_to_matrix(poses[self.pair.second, 3:])
         yaw = float(np.arctan2(matrix[0, 2], matrix[0, 0]))
-        return float(relative[1] - self.target[1]), yaw, float(np.arccos(min(1.0, matrix[1, 1])))
+        height = float(poses[self.pair.second, 2] - seat[2])
+        return height, yaw, float(np.arccos(min(1.0, matrix[1, 1])))
 
     def lower(self, steps: int, lead_m: float = 0.008) -> None:
         """Lower the held leg vertically, pressing with a bounded lead."""
@@ -82,13 +148,20 @@ class LegOverHole:
             self.env.step(self.action(here, self.hand_yaw, grip=-1.0))
 
     def turn(self, turn_rad: float, steps: int = 12) -> None:
-        """Grasp the standing leg, turn it by ``turn_rad`` (clockwise is negative) and let go."""
-        flat = (self.leg()[1] + np.pi / 4) % (np.pi / 2) - np.pi / 4
-        start = flat - np.sign(turn_rad) * np.pi / 2 if abs(flat - np.sign(turn_rad) * np.pi / 2) < 1.1 else flat
-        height = self.part_poses()[4, 2] + GRASP_ABOVE_ORIGIN_M
+        """Grasp the standing part, turn it by ``turn_rad`` (clockwise is negative) and let go."""
+        # Where the hand is flat on the part and has as much of the turn as possible before it.
+        every = self.grasp.flat_every_rad
+        wanted = -0.5 * turn_rad
+        start = wanted + (self._flat_yaw() - wanted + every / 2) % every - every / 2
+        height = self.part_poses()[self.pair.second, 2] + self.grasp.height_m
         above = np.array([*self.hole[:2], height])
+        clear = above + np.array([0, 0, self.grasp.clear_m])
+        for _ in range(round(self.grasp.clear_m / 0.01)):
+            self.env.step(self.action(clear, self.hand_yaw, grip=-1.0))
         for yaw in np.linspace(self.hand_yaw, start, 12):
-            self.env.step(self.action(above, yaw, grip=-1.0))
+            self.env.step(self.action(clear, yaw, grip=-1.0))
+        for _ in range(round(self.grasp.clear_m / 0.004)):
+            self.env.step(self.action(above, start, grip=-1.0))
         for grip in (-1.0,) * 4 + (1.0,) * 6:
             self.env.step(self.action(above, start, grip))
         for yaw in np.linspace(start, start + turn_rad, steps):
@@ -99,6 +172,12 @@ class LegOverHole:
 
 
 @pytest.fixture
+def part_over_hole():
+    """Factory of :class:`PartOverHole`."""
+    return PartOverHole
+
+
+@pytest.fixture
 def leg_over_hole():
-    """Factory of :class:`LegOverHole`."""
-    return LegOverHole
+    """Factory of :class:`PartOverHole` for the leg of one_leg."""
+    return partial(PartOverHole, "one_leg", 0)

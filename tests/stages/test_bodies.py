@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from juicer.annotation import AnnotationConfig
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
+from juicer.critical_states import AnnotationConfig
 from juicer.errors import NothingLeft, WrongArtifactKind
 from juicer.ingestion import IngestionConfig
 from juicer.policy.checkpoint import load_policy

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from juicer.teleoperation.gripper_room import Block, has_room, nearest_room
-from juicer.teleoperation.one_leg_view import downward
+from juicer.teleoperation.pair_view import downward
 from juicer.teleoperation.pose import UP, Pose, turned
 
 HAND = Pose(np.array([0.4, 0.0, 0.0]), downward(0.0))

@@ -72,9 +72,10 @@ def test_recorded_actions_replay_to_the_recorded_states(log: OperatorLog):
 
 
 def test_an_operator_needs_to_have_learned_the_task():
-    unknown = dataclasses.replace(get_task("one_leg"), name="one_lag")
-    with pytest.raises(ConfigError, match="did you mean 'one_leg'"):
-        ScriptedOperator(unknown, np.random.default_rng(0))
+    task = get_task("one_leg")
+    top = dataclasses.replace(task.parts[0], name="tray")
+    with pytest.raises(ConfigError, match="has not learned 'one_leg'"):
+        ScriptedOperator(dataclasses.replace(task, parts=(top, *task.parts[1:])), np.random.default_rng(0))
 
 
 def test_demonstrations_are_written_until_enough_succeed_whatever_the_workers(tmp_path: Path):

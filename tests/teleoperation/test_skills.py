@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from juicer.tasks.registry import get_task
-from juicer.teleoperation.one_leg_view import downward
+from juicer.teleoperation.pair_view import downward
 from juicer.teleoperation.pose import Pose, length, turn_between, turned
 from juicer.teleoperation.scene import Scene
 from juicer.teleoperation.skills import (

@@ -1,4 +1,4 @@
-"""What the operator reads off a scene of one_leg."""
+"""What the operator reads off a scene."""
 
 from __future__ import annotations
 
@@ -9,12 +9,16 @@ import pytest
 
 from juicer.geometry import axis_rotation, matrix_to_quat
 from juicer.tasks.registry import get_task
-from juicer.teleoperation.one_leg_view import HOME_XY, OneLegView, downward
+from juicer.teleoperation.corner import Corner
+from juicer.teleoperation.handling import HANDLINGS, Habits
+from juicer.teleoperation.pair_view import PairView, downward
 from juicer.teleoperation.pose import Pose, pose_of
 from juicer.teleoperation.scene import Scene
 
 TASK = get_task("one_leg")
-VIEW = OneLegView(TASK)
+VIEW = PairView(TASK, 0, HANDLINGS["square_table_leg4"])
+CORNER = Corner(TASK, Habits.draw(np.random.default_rng(0)))
+HOME_XY = CORNER.home_xy
 PAIR = TASK.pairs[0]
 
 
@@ -41,10 +45,10 @@ def scene_with(
 
 
 def test_the_top_is_home_in_the_corner_only():
-    assert VIEW.is_home(scene_with(), 0.005, 0.05)
-    assert not VIEW.is_home(scene_with(top_xy=(HOME_XY[0] - 0.02, HOME_XY[1])), 0.005, 0.05)
-    assert not VIEW.is_home(scene_with(top_yaw=0.2), 0.005, 0.05)
-    assert VIEW.top_yaw(scene_with(top_yaw=0.2)) == pytest.approx(0.2, abs=1e-6)
+    assert CORNER.is_home(scene_with(), 0.005, 0.05)
+    assert not CORNER.is_home(scene_with(top_xy=(HOME_XY[0] - 0.02, HOME_XY[1])), 0.005, 0.05)
+    assert not CORNER.is_home(scene_with(top_yaw=0.2), 0.005, 0.05)
+    assert CORNER.yaw(scene_with(top_yaw=0.2)) == pytest.approx(0.2, abs=1e-6)
 
 
 @pytest.mark.parametrize("top_yaw", [0.0, 0.4])
@@ -75,7 +79,7 @@ def test_a_stroke_starts_flat_on_the_leg_a_quarter_turn_before_its_end():
         scene = scene_with(np.array([0.0, 0.008, 0.0]), top_yaw=lean_free_yaw)
         start, end = VIEW.stroke_start(scene), VIEW.stroke_end(scene)
         assert math.radians(45) <= start - end <= math.radians(135)
-        leg_face = math.atan2(VIEW.leg(scene).rotation[1, 0], VIEW.leg(scene).rotation[0, 0])
+        leg_face = math.atan2(VIEW.part(scene).rotation[1, 0], VIEW.part(scene).rotation[0, 0])
         assert math.sin(2 * (start - leg_face)) == pytest.approx(0, abs=1e-6)
 
 

@@ -1,0 +1,54 @@
+"""How an operator builds a piece of furniture: the first part into the corner, then one part after the other."""
+
+from __future__ import annotations
+
+import math
+
+from juicer.errors import ConfigError
+from juicer.tasks.specification import AssemblyTask, Joint
+from juicer.teleoperation.corner import BASE_HANDLINGS, Corner
+from juicer.teleoperation.handling import HANDLINGS, Habits
+from juicer.teleoperation.mounting import Mounting, ScrewMounting
+from juicer.teleoperation.pair_view import PairView
+from juicer.teleoperation.scene import Scene
+from juicer.teleoperation.skills import OPEN, Skill, rise
+
+_BETWEEN_PARTS_M = 0.13
+"""Height of the hand between two parts, above everything that stands on the table."""
+
+
+_MOUNTINGS = {Joint.SCREWED: ScrewMounting, Joint.PUT_ON: Mounting}
+
+
+class AssemblyOperator:
+    """Works on one task, whatever state it is in."""
+
+    def __init__(self, task: AssemblyTask, habits: Habits) -> None:
+        """Prepare to work on ``task``.
+
+        Raises:
+            ConfigError: If the operator does not know how to handle one of its parts.
+        """
+        unknown = [task.parts[pair.second].name for pair in task.pairs if task.parts[pair.second].name not in HANDLINGS]
+        if unknown or task.parts[0].name not in BASE_HANDLINGS:
+            raise ConfigError(f"the scripted operator has not learned '{task.name}'")
+        self._habits = habits
+        self._corner = Corner(task, habits)
+        self._mountings = [
+            _MOUNTINGS[pair.joint](task, PairView(task, index, HANDLINGS[task.parts[pair.second].name]), habits)
+            for index, pair in enumerate(task.pairs)
+        ]
+
+    def work(self, scene: Scene) -> Skill:
+        """Work for ever; whoever listens stops when the task is done."""
+        busy_with = self._mountings[0]
+        while True:
+            mounting = next((each for each in self._mountings if not each.view.is_seated(scene)), self._mountings[-1])
+            if mounting is not busy_with:
+                busy_with = mounting
+                scene = yield from rise(scene, _BETWEEN_PARTS_M, OPEN, self._habits.pace, "rise")
+            begun = any(each.is_begun(scene) for each in self._mountings)
+            if begun or self._corner.is_home(scene, 0.008, math.radians(6)):
+                scene = yield from mounting.step(scene)
+            else:
+                scene = yield from self._corner.push_home(scene)

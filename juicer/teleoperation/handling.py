@@ -1,0 +1,103 @@
+"""How an operator handles the parts: where each is grasped, and the operator's own ways."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from juicer.teleoperation.skills import Pace
+
+
+@dataclass(frozen=True)
+class Handling:
+    """Grasps of a part that is mounted on another, along its own y axis, which points away from its peg.
+
+    Attributes:
+        half_size_m: Half extents of a box around it.
+        pick_m: Where along the axis it is picked up.
+        pick_width_m: Its width there.
+        screw_m: Where it is grasped to be screwed in, above its origin.
+        screw_width_m: Its width there.
+        flat_rad: Yaw of the part's x axis, relative to the hand's, at which the fingers lie flat for a stroke.
+        flat_every_rad: Turn after which they do again.
+        turn_back_above_m: How high the open hand goes to turn back past it.
+        lies: Whether it lies on the table at first; else it stands.
+        clear_m: How far above its seat it must be lifted; a little more than the depth of the hole if None.
+    """
+
+    half_size_m: tuple[float, float, float]
+    pick_m: float
+    pick_width_m: float
+    screw_m: float
+    screw_width_m: float
+    flat_rad: float = 0.0
+    flat_every_rad: float = math.pi / 2
+    turn_back_above_m: float = 0.0
+    lies: bool = True
+    clear_m: float | None = None
+
+
+_SQUARE_LEG = Handling((0.015, 0.056, 0.015), 0.0115, 0.030, 0.012, 0.030)
+
+HANDLINGS = {
+    **{f"square_table_leg{number}": _SQUARE_LEG for number in (1, 2, 3, 4)},
+    "round_table_leg": Handling(
+        (0.0213, 0.052, 0.0213), 0.034, 0.0425, 0.032, 0.0425, flat_every_rad=math.pi / 6
+    ),
+    "round_table_base": Handling(
+        (0.065, 0.029, 0.065), 0.004, 0.0468, 0.004, 0.0468,
+        flat_rad=math.pi / 4, turn_back_above_m=0.04, lies=False,
+    ),
+    "lamp_hood": Handling(
+        (0.044, 0.050, 0.044), -0.042, 0.0640, -0.042, 0.0640, flat_every_rad=math.pi / 8, lies=False, clear_m=0.105
+    ),
+    "lamp_bulb": Handling((0.030, 0.060, 0.030), 0.038, 0.0595, 0.038, 0.0595, flat_every_rad=math.pi / 36),
+}  # fmt: skip
+"""By name of the part."""
+
+
+@dataclass(frozen=True)
+class Habits:
+    """What an operator does in an own way, all along a demonstration.
+
+    Attributes:
+        pace: How boldly the operator moves.
+        clearance_m: Height at which the hand travels above what it will grasp.
+        rim_height_m: Height above the table at which a part is grasped to be pushed.
+        rim_offset_m: Distance of that grasp from the middle of the rim.
+        tilt_rad: Tilt of the hand that picks up a lying part.
+        pick_offset_m: Distance of that grasp from where the part is usually grasped, along its axis.
+        pick_height_m: Height of that grasp above the part's axis.
+        lift_m: Height of the hand at which a lying part begins to be turned upright.
+        via: Where the hand stands it upright.
+        screw_offset_m: Height of the grasp for a stroke over the usual one.
+    """
+
+    pace: Pace
+    clearance_m: float
+    rim_height_m: float
+    rim_offset_m: float
+    tilt_rad: float
+    pick_offset_m: float
+    pick_height_m: float
+    lift_m: float
+    via: tuple[float, float, float]
+    screw_offset_m: float
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator) -> Habits:
+        """Habits for one demonstration."""
+        return cls(
+            pace=Pace(lead_m=rng.uniform(0.016, 0.022), lead_rad=rng.uniform(0.22, 0.32)),
+            clearance_m=rng.uniform(0.055, 0.075),
+            rim_height_m=rng.uniform(0.020, 0.024),
+            rim_offset_m=rng.uniform(-0.010, 0.010),
+            tilt_rad=math.radians(rng.uniform(46, 49)),
+            pick_offset_m=rng.uniform(-0.0025, 0.0025),
+            pick_height_m=rng.uniform(0.003, 0.006),
+            lift_m=rng.uniform(0.055, 0.070),
+            via=(rng.uniform(0.50, 0.55), rng.uniform(0.10, 0.14), rng.uniform(0.145, 0.165)),
+            screw_offset_m=rng.uniform(-0.002, 0.002),
+        )

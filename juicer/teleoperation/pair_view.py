@@ -1,0 +1,144 @@
+"""What an operator makes of a part to be mounted: is it held, how does it stand to its seat, is it in its hole?"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from juicer.tasks.specification import AssemblyTask
+from juicer.teleoperation.handling import Handling
+from juicer.teleoperation.pose import UP, Matrix, Pose, Vector, angle_between, heading, pose_of, turned, wrapped
+from juicer.teleoperation.scene import Scene
+
+STROKE_END_RAD = math.radians(-5)
+"""Yaw of the hand at the end of a screw stroke; a stroke begins a quarter turn before."""
+
+EASY_YAW_RAD = math.radians(40)
+"""Yaw of a hand that points down from which the wrist can turn far both ways."""
+
+_FORWARDS = np.array([1.0, 0.0, 0.0])
+_OPEN_SHARE = 0.89
+# Height above its seat at which a part clears the hole, beyond the hole's depth.
+_CLEAR_M = 0.036
+_ENGAGED_M, _ENGAGED_HEIGHT_M = 0.022, (-0.006, 0.020)
+# The true clearances let a part that stands in the mouth of its hole lean by up to 25 degrees.
+_ENGAGED_LEAN_RAD = math.radians(30)
+_SEATED_M, _SEATED_COSINE = 0.0045, 0.943
+
+
+@dataclass(frozen=True)
+class Seat:
+    """A part relative to its place on another.
+
+    Attributes:
+        aside_m: Distance of its origin from the hole's axis.
+        height_m: Height above the assembled pose.
+        lean_rad: Angle between its axis and the hole's.
+    """
+
+    aside_m: float
+    height_m: float
+    lean_rad: float
+
+
+class PairView:
+    """Reads a scene for one pair of a task: a part that is mounted on another, its mate."""
+
+    def __init__(self, task: AssemblyTask, pair_index: int, handling: Handling) -> None:
+        """Look at a pair of ``task``."""
+        pair = task.pairs[pair_index]
+        self.part_index, self._mate = pair.second, pair.first
+        self.label, self._any_rotation = pair.label, pair.any_rotation
+        self.handling = handling
+        self._target = pose_of(pair.targets[pair.operator_target])
+        # Upwards along the seat's axis: the part may have its y axis down.
+        self._upwards = 1.0 if float(self._target.rotation[:, 1] @ self._target.position) > 0 else -1.0
+        self.depth_m = max((bore.top_y - bore.bottom_y for bore in task.parts[pair.first].bores), default=0.0)
+        self.clear_m = self.depth_m + _CLEAR_M if handling.clear_m is None else handling.clear_m
+        self.open_width_m = _OPEN_SHARE * task.gripper_width_m
+
+    def part(self, scene: Scene) -> Pose:
+        """Pose of the part."""
+        return scene.part(self.part_index)
+
+    def seat_pose(self, scene: Scene) -> Pose:
+        """Pose of the part once it is mounted."""
+        return scene.part(self._mate) @ self._target
+
+    def seat(self, scene: Scene) -> Seat:
+        """How the part stands to its seat."""
+        goal, part = self.seat_pose(scene), self.part(scene)
+        x, y, z = (goal.rotation.T @ (part.position - goal.position)).tolist()
+        return Seat(math.hypot(x, z), self._upwards * y, angle_between(part.rotation[:, 1], goal.rotation[:, 1]))
+
+    def seat_point(self, scene: Scene, height_m: float) -> Vector:
+        """Where the part's origin is when it stands ``height_m`` above its seat."""
+        goal = self.seat_pose(scene)
+        point: Vector = goal.position + height_m * self._upwards * goal.rotation[:, 1]
+        return point
+
+    def is_seated(self, scene: Scene) -> bool:
+        """Whether the part is mounted."""
+        goal, part = self.seat_pose(scene), self.part(scene)
+        near = float(np.abs(goal.rotation.T @ (part.position - goal.position)).max()) < _SEATED_M
+        return near and (
+            self._any_rotation or float((goal.rotation * part.rotation).sum(axis=0).min()) > _SEATED_COSINE
+        )
+
+    def is_engaged(self, scene: Scene) -> bool:
+        """Whether its peg stands in its hole."""
+        seat = self.seat(scene)
+        low, high = _ENGAGED_HEIGHT_M
+        return seat.aside_m < _ENGAGED_M and low < seat.height_m < high and seat.lean_rad < _ENGAGED_LEAN_RAD
+
+    def is_held(self, scene: Scene) -> bool:
+        """Whether the gripper holds the part."""
+        width = self.handling.pick_width_m
+        if not width - 0.003 < scene.width < width + 0.0035:
+            return False
+        x, y, z = (self.part(scene).inverse() @ scene.hand).position.tolist()
+        return bool(max(abs(x), abs(z)) < 0.012 and -0.0365 < y - self.handling.pick_m < 0.0235)
+
+    def is_closed_on_part(self, scene: Scene) -> bool:
+        """Whether the fingers have closed as far as the part between them lets them."""
+        return scene.width < max(self.handling.pick_width_m, self.handling.screw_width_m) + 0.0006
+
+    def is_open(self, scene: Scene) -> bool:
+        """Whether the gripper is open."""
+        return scene.width > self.open_width_m
+
+    def upright(self, scene: Scene) -> Matrix:
+        """Rotation of the part that stands on its mate, in the quarter turn that leads the hand away from the robot."""
+        seated = self.seat_pose(scene).rotation
+        held = self.part(scene).rotation.T @ scene.hand.rotation
+        choices = [turned(quarter * math.pi / 2 * seated[:, 1], seated) for quarter in range(4)]
+        if self.handling.lies:
+            return max(choices, key=lambda rotation: float((rotation @ held[:, 2]) @ _FORWARDS))
+        # A hand that points down leads nowhere; its wrist is most at ease half-way through a stroke.
+        return min(choices, key=lambda rotation: abs(wrapped(heading((rotation @ held)[:, 0]) - EASY_YAW_RAD)))
+
+    def hand_yaw(self, scene: Scene) -> float:
+        """Heading of the hand's x axis [rad]."""
+        return heading(scene.hand.rotation[:, 0])
+
+    def hand_tilt(self, scene: Scene) -> float:
+        """Angle between the hand and straight down [rad]."""
+        return angle_between(-scene.hand.rotation[:, 2], UP)
+
+    def stroke_end(self, scene: Scene) -> float:
+        """Yaw of the hand at which a screw stroke ends [rad]."""
+        return STROKE_END_RAD
+
+    def stroke_start(self, scene: Scene) -> float:
+        """Yaw of the hand, flat on the part's faces, from which a stroke takes about a quarter turn [rad]."""
+        wanted = self.stroke_end(scene) + math.pi / 2
+        flat = heading(self.part(scene).rotation[:, 0]) + self.handling.flat_rad
+        return wanted + wrapped(flat - wanted, self.handling.flat_every_rad)
+
+
+def downward(yaw_rad: float) -> Matrix:
+    """Rotation of a hand that points straight down, its x axis in the direction of a yaw."""
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    return np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
