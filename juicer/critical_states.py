@@ -48,9 +48,9 @@ class Proposal:
     """A critical state that the simulator's truth suggests.
 
     Attributes:
-        step: Last step at which the part is held and clear of its mate.
-        critical_state: Index of the pair it leads to.
-        confidence: How cleanly the part was inserted after it, between zero and one.
+        step: Last step before the grasp or insertion.
+        critical_state: Its index among those of the task.
+        confidence: How cleanly what follows was done, between zero and one.
     """
 
     step: int
@@ -85,8 +85,6 @@ def _propose_grasp(
     commands = gripper_commands(demonstration.steps["action"])
     closings = np.flatnonzero((commands[1:] > 0) & (commands[:-1] < 0)) + 1
     on_part = [int(step) for step in closings if _is_touched(env, demonstration, part, int(step) + _CLOSING_STEPS)]
-    if not on_part:
-        return None
     # Screwing grasps a part again and again: what picks it up is the first grasp after which it is far from its start.
     taken = next((step for step in on_part if _is_taken_along(demonstration, state.part, step)), None)
     if taken is None:
@@ -101,7 +99,12 @@ def _propose_grasp(
 def _is_touched(env: AssemblyEnv, demonstration: Episode, part: str, step: int) -> bool:
     step = min(step, len(demonstration) - 1)
     env.set_state(np.asarray(demonstration.steps[STATE_KEY][step], dtype=np.float64))
-    return ("gripper", part) in env.contact_pairs() or (part, "gripper") in env.contact_pairs()
+    return _is_in_gripper(env, part)
+
+
+def _is_in_gripper(env: AssemblyEnv, part: str) -> bool:
+    """Whether the gripper touches a part in the environment's present state."""
+    return any({"gripper", part} == set(names) for names in env.contact_pairs())
 
 
 def _is_taken_along(demonstration: Episode, part: int, step: int) -> bool:
@@ -149,8 +152,7 @@ def _last_clear_step(
     for step in reversed(steps):
         env.set_state(np.asarray(demonstration.steps[STATE_KEY][step], dtype=np.float64))
         if clearance_m(env.model, env.data, first, second, limit_m) >= limit_m:
-            grasped = any({"gripper", second} == set(names) for names in env.contact_pairs())
-            return step if closed[step] and grasped else None
+            return step if closed[step] and _is_in_gripper(env, second) else None
     return None
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
-from juicer.tasks.specification import Box, Pose
+from juicer.tasks.specification import Box, PartSpec, Pose, Thread
 
 MM = 1e-3
 PITCH = 9.375 * MM
@@ -43,3 +44,21 @@ def round_plate(radius: float, bottom_y: float, top_y: float, boxes: int) -> tup
 def axis_turn(degrees: float) -> tuple[float, float, float, float]:
     """Quaternion wxyz of a turn about the y axis."""
     return (math.cos(math.radians(degrees) / 2), 0.0, math.sin(math.radians(degrees) / 2), 0.0)
+
+
+def inner_thread(
+    start_y: float, azimuth_deg: float, center_xz: tuple[float, float] = (0.0, 0.0), bead_radius: float = BEAD_RADIUS
+) -> Thread:
+    """Bead that lines a hole, from its lower end."""
+    azimuth = math.radians(azimuth_deg)
+    return Thread(center_xz, start_y, azimuth, TURNS, PITCH, HOLE_HELIX_RADIUS, bead_radius, internal=True)
+
+
+def outer_thread(start_y: float, azimuth_deg: float) -> Thread:
+    """Bead that winds around a peg, from its lower end."""
+    return Thread((0.0, 0.0), start_y, math.radians(azimuth_deg), TURNS, PITCH, PEG_RADIUS, BEAD_RADIUS, internal=False)
+
+
+def layouts(parts: tuple[PartSpec, ...], poses: tuple[tuple[Pose, ...], ...]) -> tuple[Mapping[str, Pose], ...]:
+    """Stored layouts by the names of the parts, from poses in their order."""
+    return tuple({part.name: pose for part, pose in zip(parts, layout, strict=True)} for layout in poses)

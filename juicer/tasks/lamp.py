@@ -9,18 +9,15 @@ The base stands with -y up. Deviations from the measured facts, each for a reaso
 
 from __future__ import annotations
 
-import math
-
 from juicer.tasks.benchmark import (
-    BEAD_RADIUS,
     BORE_RADIUS,
-    HOLE_HELIX_RADIUS,
     MM,
     PEG_RADIUS,
-    PITCH,
-    TURNS,
     axis_turn,
     base_pose,
+    inner_thread,
+    layouts,
+    outer_thread,
 )
 from juicer.tasks.specification import (
     AssemblyPair,
@@ -34,7 +31,6 @@ from juicer.tasks.specification import (
     PartSpec,
     Peg,
     Shell,
-    Thread,
 )
 
 _SMALLER_BEAD = 1.9375 * MM
@@ -73,9 +69,7 @@ def _base() -> PartSpec:
             *_flange(27.575 * MM, 14.5 * MM, -45.8 * MM, -40.8 * MM),
         ),
         bores=(Bore((0.0, 0.0), BORE_RADIUS, 16.25 * MM, -45.8 * MM, -14.8 * MM),),
-        threads=(
-            Thread((0.0, 0.0), -39.55 * MM, math.pi, TURNS, PITCH, HOLE_HELIX_RADIUS, _SMALLER_BEAD, internal=True),
-        ),
+        threads=(inner_thread(-39.55 * MM, 180.0, bead_radius=_SMALLER_BEAD),),
     )
 
 
@@ -91,7 +85,7 @@ def _bulb() -> PartSpec:
         boxes=(_square(17.5 * MM, -13.125 * MM, 13.125 * MM),),
         balls=(Ball((0.0, 38.0 * MM, 0.0), 30.0 * MM),),
         pegs=(Peg(PEG_RADIUS, -53.0 * MM, -13.0 * MM),),
-        threads=(Thread((0.0, 0.0), -40.75 * MM, math.pi, TURNS, PITCH, PEG_RADIUS, BEAD_RADIUS, internal=False),),
+        threads=(outer_thread(-40.75 * MM, 180.0),),
         rolls=True,
     )
 
@@ -146,7 +140,7 @@ LAMP = AssemblyTask(
             after=(0,),
         ),
     ),
-    high_layouts=tuple({part.name: pose for part, pose in zip(_PARTS, layout, strict=True)} for layout in _HIGH),
+    high_layouts=layouts(_PARTS, _HIGH),
     max_steps=2000,
     critical_states=(Grasp(0), Grasp(1), Insertion(0), Grasp(2), Insertion(1)),
     gripper_width_m=0.07,

@@ -16,15 +16,14 @@ from __future__ import annotations
 import math
 
 from juicer.tasks.benchmark import (
-    BEAD_RADIUS,
     BORE_RADIUS,
-    HOLE_HELIX_RADIUS,
     MM,
     PEG_RADIUS,
-    PITCH,
-    TURNS,
     axis_turn,
     base_pose,
+    inner_thread,
+    layouts,
+    outer_thread,
     round_plate,
     upright_pose,
 )
@@ -39,7 +38,6 @@ from juicer.tasks.specification import (
     PartSpec,
     Peg,
     Shell,
-    Thread,
 )
 
 _FOOT_RADIUS, _FOOT_OUT = 2.0 * MM, 0.2 * MM
@@ -49,16 +47,6 @@ def _feet(radius: float, bottom_y: float, count: int) -> tuple[Ball, ...]:
     angles = (2 * math.pi * index / count for index in range(count))
     y = bottom_y + _FOOT_RADIUS - _FOOT_OUT
     return tuple(Ball((radius * math.sin(angle), y, radius * math.cos(angle)), _FOOT_RADIUS) for angle in angles)
-
-
-def _inner_thread(start_y: float, azimuth_deg: float) -> Thread:
-    return Thread(
-        (0.0, 0.0), start_y, math.radians(azimuth_deg), TURNS, PITCH, HOLE_HELIX_RADIUS, BEAD_RADIUS, internal=True
-    )
-
-
-def _outer_thread(start_y: float, azimuth_deg: float) -> Thread:
-    return Thread((0.0, 0.0), start_y, math.radians(azimuth_deg), TURNS, PITCH, PEG_RADIUS, BEAD_RADIUS, internal=False)
 
 
 def _top() -> PartSpec:
@@ -76,7 +64,7 @@ def _top() -> PartSpec:
         balls=_feet(85.0 * MM, -1.25 * MM, 6),
         shells=(Shell(-1.25 * MM, 17.5 * MM, 93.75 * MM, 93.75 * MM, 6.25 * MM, 24),),
         bores=(Bore((0.0, 0.0), BORE_RADIUS, 21.25 * MM, 5.0 * MM, 31.25 * MM),),
-        threads=(_inner_thread(5.0 * MM, -130.7),),
+        threads=(inner_thread(5.0 * MM, -130.7),),
     )
 
 
@@ -95,7 +83,7 @@ def _leg() -> PartSpec:
         ),
         pegs=(Peg(PEG_RADIUS, -39.375 * MM, -13.125 * MM),),
         bores=(Bore((0.0, 0.0), BORE_RADIUS, 21.25 * MM, 13.125 * MM, 51.875 * MM),),
-        threads=(_outer_thread(-31.875 * MM, 90.0), _inner_thread(24.375 * MM, -90.0)),
+        threads=(outer_thread(-31.875 * MM, 90.0), inner_thread(24.375 * MM, -90.0)),
     )
 
 
@@ -122,7 +110,7 @@ def _base() -> PartSpec:
             *tips,
         ),
         pegs=(Peg(PEG_RADIUS, -28.75 * MM, -1.25 * MM),),
-        threads=(_outer_thread(-20.0 * MM, -90.0),),
+        threads=(outer_thread(-20.0 * MM, -90.0),),
     )
 
 
@@ -155,7 +143,7 @@ ROUND_TABLE = AssemblyTask(
         AssemblyPair("leg", 0, 1, ((0.0, 44.375 * MM, 0.0, *axis_turn(185.0)),)),
         AssemblyPair("base", 1, 2, ((0.0, 53.125 * MM, 0.0, *axis_turn(90.0)),)),
     ),
-    high_layouts=tuple({part.name: pose for part, pose in zip(_PARTS, layout, strict=True)} for layout in _HIGH),
+    high_layouts=layouts(_PARTS, _HIGH),
     max_steps=2000,
     critical_states=(Insertion(0), Grasp(2), Insertion(1)),
     gripper_width_m=0.065,

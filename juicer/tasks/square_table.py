@@ -9,8 +9,8 @@ Deviations from the measured facts, each for a reason:
 
 from __future__ import annotations
 
-from juicer.tasks.benchmark import BEAD_RADIUS, MM, PITCH, base_pose
-from juicer.tasks.specification import AssemblyPair, AssemblyTask, Bore, Box, Insertion, PartSpec, Peg, Pose, Thread
+from juicer.tasks.benchmark import MM, base_pose, inner_thread, layouts, outer_thread
+from juicer.tasks.specification import AssemblyPair, AssemblyTask, Bore, Box, Insertion, PartSpec, Peg, Pose
 
 HOLE_OFFSET = 56.25 * MM
 HOLES_XZ = tuple((sx * HOLE_OFFSET, sz * HOLE_OFFSET) for sx in (-1, 1) for sz in (-1, 1))
@@ -50,9 +50,7 @@ def square_table_top() -> PartSpec:
         rgb=(0.82, 0.80, 0.75),
         boxes=(plate, *_rim()),
         bores=tuple(Bore(hole, 12.5 * MM, 16.25 * MM, _PLATE_TOP, _RIM_TOP) for hole in HOLES_XZ),
-        threads=tuple(
-            Thread(hole, _PLATE_TOP, 0.0, 2.0, PITCH, 13.125 * MM, BEAD_RADIUS, internal=True) for hole in HOLES_XZ
-        ),
+        threads=tuple(inner_thread(_PLATE_TOP, 0.0, hole) for hole in HOLES_XZ),
     )
 
 
@@ -68,7 +66,7 @@ def square_table_leg(number: int, world_y: float, rgb: tuple[float, float, float
         rgb=rgb,
         boxes=(Box((0.0, 0.0, 0.0), (15.0 * MM, 31.25 * MM, 15.0 * MM)),),
         pegs=(Peg(10.0 * MM, -56.25 * MM, -31.25 * MM),),
-        threads=(Thread((0.0, 0.0), -50.0 * MM, 0.0, 2.0, PITCH, 10.0 * MM, BEAD_RADIUS, internal=False),),
+        threads=(outer_thread(-50.0 * MM, 0.0),),
     )
 
 
@@ -104,9 +102,7 @@ _HIGH = (
         base_pose(0.2820, 0.0850, 0.4315, 0.033, 0.701, 0.040, -0.711),
     ),
 )
-HIGH_LAYOUTS = tuple(
-    {part.name: pose for part, pose in zip(SQUARE_TABLE_PARTS, layout, strict=True)} for layout in _HIGH
-)
+HIGH_LAYOUTS = layouts(SQUARE_TABLE_PARTS, _HIGH)
 
 
 def leg_pair(number: int, label: str, hole: int) -> AssemblyPair:

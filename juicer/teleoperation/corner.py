@@ -11,14 +11,13 @@ import numpy as np
 from juicer.sim.scene import FENCE_CORNER_XY
 from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask
 from juicer.teleoperation.handling import Habits
-from juicer.teleoperation.pair_view import downward
+from juicer.teleoperation.pair_view import OPEN_SHARE, downward
 from juicer.teleoperation.pose import UP, Matrix, Pose, heading, turned, wrapped
 from juicer.teleoperation.scene import Scene
 from juicer.teleoperation.skills import CLOSE, OPEN, Skill, Stall, descend, grip, holding, reach, rise
 
 _PUSH_BEYOND_M = 0.002
-_PUSH_LEAD_M = 0.015
-_OPEN_SHARE = 0.89
+PUSH_LEAD_M = 0.015
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ class Corner:
         base = task.parts[0]
         self._handling = BASE_HANDLINGS[base.name]
         self._habits = habits
-        self._open_width_m = _OPEN_SHARE * task.gripper_width_m
+        self._open_width_m = OPEN_SHARE * task.gripper_width_m
         self.home_xy = np.array(FENCE_CORNER_XY) - np.array(base.footprint) / 2
 
     def yaw(self, scene: Scene) -> float:
@@ -84,7 +83,7 @@ class Corner:
         def pushed(scene: Scene) -> bool:
             return self.is_home(scene, 0.002, math.radians(1.5)) or stall(scene) or not self._holds(scene)
 
-        pace = habits.pace.at_most(_PUSH_LEAD_M)
+        pace = habits.pace.at_most(PUSH_LEAD_M)
         scene = yield from reach(scene, self._push_goal, CLOSE, pace, pushed, "push the base")
         return (yield from leave(scene, self._open_width_m, habits, "leave the base"))
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from juicer.tasks.specification import AssemblyTask
-from juicer.teleoperation.corner import leave
+from juicer.teleoperation.corner import PUSH_LEAD_M, leave
 from juicer.teleoperation.gripper_room import Block, has_room, nearest_room, obstacles
 from juicer.teleoperation.handling import Habits
 from juicer.teleoperation.pair_view import EASY_YAW_RAD, PairView, downward
@@ -32,7 +32,6 @@ from juicer.teleoperation.skills import (
     towards,
 )
 
-_PUSH_LEAD_M = 0.015
 _INSERT_LEAD_M, _STROKE_LEAD_M = 0.010, 0.006
 _STROKE_SINK_M = 0.005
 
@@ -50,6 +49,9 @@ _FINGER_PLAY_M = 0.008
 
 class Mounting:
     """The phases in which a part is mounted."""
+
+    _rests_below_m = _DOWN_M
+    """Height above its seat below which a part that no longer sinks rests on what it was lowered onto."""
 
     def __init__(self, task: AssemblyTask, view: PairView, habits: Habits) -> None:
         """Prepare to mount the part of ``view``."""
@@ -114,7 +116,7 @@ class Mounting:
         scene = yield from grip(scene, CLOSE, view.is_closed_on_part, f"grasp the hemmed-in {self.view.label}")
         stall = Stall()
         scene = yield from reach(
-            scene, pull, CLOSE, habits.pace.at_most(_PUSH_LEAD_M), pulled, f"pull the {self.view.label} free"
+            scene, pull, CLOSE, habits.pace.at_most(PUSH_LEAD_M), pulled, f"pull the {self.view.label} free"
         )
         return (yield from self._leave(scene, f"leave the {self.view.label}"))
 
@@ -206,7 +208,7 @@ class Mounting:
     def _has_arrived(self, scene: Scene) -> bool:
         """Whether the part stands on what it was lowered onto."""
         seat = self.view.seat(scene)
-        return seat.aside_m < _AWAY_M and seat.height_m < _DOWN_M and float(scene.velocity[2]) > -0.006
+        return seat.aside_m < _AWAY_M and seat.height_m < self._rests_below_m and float(scene.velocity[2]) > -0.006
 
     def _finish(self, scene: Scene) -> Skill:
         """Let go of the part that was lowered."""
@@ -214,7 +216,9 @@ class Mounting:
 
 
 class ScrewMounting(Mounting):
-    """The phases in which a part with a thread is mounted."""
+    """The phases in which a part with a thread is mounted; lowered, it rests on the beads of its hole."""
+
+    _rests_below_m = _ON_BEADS_M
 
     def step(self, scene: Scene) -> Skill:
         """Whatever comes next."""
@@ -252,11 +256,6 @@ class ScrewMounting(Mounting):
 
         scene = yield from reach(scene, self._stroke, CLOSE, pace.at_most(_STROKE_LEAD_M), turned_enough, "stroke")
         return (yield from grip(scene, OPEN, view.is_open, "release after a stroke"))
-
-    def _has_arrived(self, scene: Scene) -> bool:
-        """Whether the part's thread rests on that of the hole."""
-        seat = self.view.seat(scene)
-        return seat.aside_m < _AWAY_M and seat.height_m < _ON_BEADS_M and float(scene.velocity[2]) > -0.006
 
     def _finish(self, scene: Scene) -> Skill:
         """Let go of the part if it stands in its hole."""

@@ -19,7 +19,7 @@ EASY_YAW_RAD = math.radians(40)
 """Yaw of a hand that points down from which the wrist can turn far both ways."""
 
 _FORWARDS = np.array([1.0, 0.0, 0.0])
-_OPEN_SHARE = 0.89
+OPEN_SHARE = 0.89
 # Height above its seat at which a part clears the hole, beyond the hole's depth.
 _CLEAR_M = 0.036
 _ENGAGED_M, _ENGAGED_HEIGHT_M = 0.022, (-0.006, 0.020)
@@ -57,7 +57,7 @@ class PairView:
         self._upwards = 1.0 if float(self._target.rotation[:, 1] @ self._target.position) > 0 else -1.0
         self.depth_m = max((bore.top_y - bore.bottom_y for bore in task.parts[pair.first].bores), default=0.0)
         self.clear_m = self.depth_m + _CLEAR_M if handling.clear_m is None else handling.clear_m
-        self.open_width_m = _OPEN_SHARE * task.gripper_width_m
+        self.open_width_m = OPEN_SHARE * task.gripper_width_m
 
     def part(self, scene: Scene) -> Pose:
         """Pose of the part."""
