@@ -16,7 +16,8 @@ from juicer.errors import InvalidAction
 
 Array = NDArray[np.floating[Any]]
 
-_YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
+SHORTEST_ROW = 1e-6
+"""Length up to which a row of a 6D rotation counts as vanished."""
 
 
 def normalised(vector: Array) -> Array:
@@ -120,25 +121,25 @@ def rot6d_to_matrix(rot6d: Array) -> Array:
         InvalidAction: If a row vanishes or both are parallel, so that no rotation is defined.
     """
     rows = np.asarray(rot6d, dtype=np.float64).reshape(*np.shape(rot6d)[:-1], 2, 3)
-    matrix = np.empty((*rows.shape[:-2], 3, 3))
-    first, second = matrix[..., 0, :], matrix[..., 1, :]
-    if not _normalise_into(first, rows[..., 0, :]):
-        raise InvalidAction("6D rotation is degenerate: its first row vanishes; pass two rows of a rotation matrix")
+    first = _direction(rows[..., 0, :])
     along = np.vecdot(first, rows[..., 1, :])[..., None]
-    if not _normalise_into(second, rows[..., 1, :] - along * first):
-        raise InvalidAction("6D rotation is degenerate: its rows are parallel; pass two rows of a rotation matrix")
-    # The cross product written out: numpy's own costs more than all the rest.
-    matrix[..., 2, :] = first[..., _YZX] * second[..., _ZXY] - first[..., _ZXY] * second[..., _YZX]
-    return matrix
+    second = _direction(rows[..., 1, :] - along * first)
+    return np.stack([first, second, np.cross(first, second)], axis=-2)
 
 
-def _normalise_into(out: Array, vector: Array) -> bool:
-    """Write unit vectors; returns False, and writes nothing, if one is too short to have a direction."""
-    length = np.sqrt(np.vecdot(vector, vector))
-    if not length.min(initial=1.0) > 1e-6:
-        return False
-    np.divide(vector, length[..., None], out=out)
-    return True
+def degenerate_rotation() -> InvalidAction:
+    """The error of a 6D rotation whose rows do not span a plane."""
+    return InvalidAction(
+        "6D rotation is degenerate: a row vanishes or both are parallel; pass two rows of a rotation matrix"
+    )
+
+
+def _direction(row: Array) -> Array:
+    length = np.linalg.norm(row, axis=-1, keepdims=True)
+    if not length.min(initial=1.0) > SHORTEST_ROW:
+        raise degenerate_rotation()
+    direction: Array = row / length
+    return direction
 
 
 def rotvec_to_matrix(rotvec_rad: Array) -> Array:

@@ -21,7 +21,7 @@ from juicer.episode import ACTION_SIZE, PROPRIOCEPTION_SIZE, Outcome
 from juicer.seeding import stream
 from juicer.sim.controller import MAX_ACTION, EndEffectorController, grip_command, validate_action
 from juicer.sim.initial_states import initial_part_poses
-from juicer.sim.milestones import Milestones, PairTest
+from juicer.sim.milestones import BaseProgress, PairProgress
 from juicer.sim.panda import END_EFFECTOR_SITE, FINGER_JOINTS, GRIP_FORCE_N, RESET_JOINTS_RAD
 from juicer.sim.rendering import CameraRenderer
 from juicer.sim.scene import FRONT_CAMERA, build_spec
@@ -82,9 +82,10 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.model = compiled_model(task)
         self.data = mujoco.MjData(self.model)
         self._controller = EndEffectorController()
-        self._progress = np.zeros(1 + len(self.task.pairs) + len(self.task.milestones))
-        self._tests = tuple(PairTest(pair) for pair in self.task.pairs)
-        self._milestones = Milestones(self.task, self._tests)
+        self._milestones = self.task.milestones
+        self._progress = np.zeros(1 + len(self.task.pairs) + len(self._milestones))
+        self._base = BaseProgress(self.task)
+        self._pairs = tuple(PairProgress(self.task, pair) for pair in self.task.pairs)
         self._state = SimulatorState(self.model, self._progress.size)
         self._renderer: CameraRenderer | None = None
         self._index_model()
@@ -102,9 +103,11 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._velocity = np.empty(6)
         self._joint_targets = self.data.ctrl[:NUM_ARM_JOINTS]
         self._velocities = self.data.qvel
-        self._fingers = np.array([model.joint(name).qposadr[0] for name in FINGER_JOINTS])
+        self._joints = self.data.qpos[:NUM_ARM_JOINTS]
+        left_finger = model.joint(FINGER_JOINTS[0]).qposadr[0]
+        self._fingers = self.data.qpos[left_finger : left_finger + len(FINGER_JOINTS)]
         first = model.joint(self.task.parts[0].name).qposadr[0]
-        self._parts = slice(first, first + 7 * len(self.task.parts))
+        self._part_poses = self.data.qpos[first : first + 7 * len(self.task.parts)]
         starts = {part.name: model.joint(part.name).dofadr[0] for part in self.task.parts if part.rolls}
         self._rolling = [slice(start, start + 6) for start in starts.values()]
         first_body = model.body(self.task.parts[0].name).id
@@ -120,10 +123,10 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         seed = int(self.np_random.integers(2**31)) if seed is None else seed
         poses = initial_part_poses(self.task, self.randomness, stream(seed, "initial_state"))
         mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:NUM_ARM_JOINTS] = self.data.ctrl[:NUM_ARM_JOINTS] = RESET_JOINTS_RAD
-        self.data.qpos[self._fingers] = self.task.gripper_width_m / 2
+        self._joints[:] = self._joint_targets[:] = RESET_JOINTS_RAD
+        self._fingers[:] = self.task.gripper_width_m / 2
         self.data.ctrl[NUM_ARM_JOINTS] = GRIP_FORCE_N
-        self.data.qpos[self._parts] = poses.ravel()
+        self._part_poses[:] = poses.ravel()
         self._settle()
         self.data.time = 0.0
         self._progress[:] = -1
@@ -139,7 +142,7 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """
         values = validate_action(action)
         targets, controls = self._joint_targets, self.data.ctrl
-        goal = self._controller.joint_targets(values, self.data.qpos[:NUM_ARM_JOINTS])
+        goal = self._controller.joint_targets(values, self._joints)
         controls[NUM_ARM_JOINTS] = grip_command(values, float(controls[NUM_ARM_JOINTS]))
         for update in targets + _FRACTIONS * (goal - targets):
             targets[:] = update
@@ -160,11 +163,11 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         # MuJoCo gives the rotational velocity first.
         mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_SITE, self._site, self._velocity, 0)
         proprioception[9:12], proprioception[12:15] = self._velocity[3:], self._velocity[:3]
-        proprioception[15] = self.data.qpos[self._fingers].sum()
+        proprioception[15] = self._fingers.sum()
         with np.errstate(over="ignore"):  # a diverged state may exceed single precision
             return {
                 "proprioception": proprioception.astype(np.float32),
-                "part_poses": self.data.qpos[self._parts].astype(np.float32),
+                "part_poses": self._part_poses.astype(np.float32),
             }
 
     def get_state(self) -> NDArray[np.float64]:
@@ -212,16 +215,18 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_comVel(self.model, self.data)
         positions, matrices = self._part_positions, self._part_matrices
-        pairs = len(self._tests)
+        pairs = len(self._pairs)
         assembled = self._progress[1 : 1 + pairs]
         reward = 0.0
-        for index, test in enumerate(self._tests):
-            ready = not assembled[index] and all(assembled[before] for before in test.pair.after)
-            if ready and test.passes(positions, matrices):
+        milestones = [self._base.is_placed(positions)]
+        for index, pair in enumerate(self._pairs):
+            *on_the_way, passes = pair.measure(positions, matrices)
+            if passes and not assembled[index] and all(assembled[before] for before in pair.pair.after):
                 assembled[index] = 1
                 reward += 1.0
+            milestones += [*on_the_way, bool(assembled[index])]
         first_steps = self._progress[1 + pairs :]
-        for index, reached in enumerate(self._milestones.reached(positions, matrices, assembled.tolist())):
+        for index, reached in enumerate(milestones):
             if reached and first_steps[index] < 0:
                 first_steps[index] = self._progress[0]
         return reward
@@ -259,7 +264,7 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         pairs = len(self.task.pairs)
         progress = self._progress.tolist()
         parts_assembled = int(sum(progress[1 : 1 + pairs]))
-        first_steps = zip(self.task.milestones, progress[1 + pairs :], strict=True)
+        first_steps = zip(self._milestones, progress[1 + pairs :], strict=True)
         return {
             "outcome": self._outcome(parts_assembled),
             "parts_assembled": parts_assembled,

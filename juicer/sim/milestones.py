@@ -6,7 +6,7 @@ never sees them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,97 +28,76 @@ _INSERTED_HEIGHT_M = 0.020
 Array = NDArray[np.float64]
 
 
-class PairTest:
-    """FurnitureBench's test of one pair: each axis within 5 mm and every axis cosine at least 0.94, for any target."""
+class PairProgress:
+    """How far the second part of a pair has come, and FurnitureBench's test of whether it is assembled.
 
-    def __init__(self, pair: AssemblyPair) -> None:
+    Assembled means that each axis is within 5 mm and every axis cosine at least 0.94, for any of the pair's targets.
+    """
+
+    def __init__(self, task: AssemblyTask, pair: AssemblyPair) -> None:
         """Prepare the targets of ``pair``."""
         self.pair = pair
         targets = np.array(pair.targets)
         self._positions, self._matrices = targets[:, :3], quat_to_matrix(targets[:, 3:])
-
-    def offsets(self, positions: Array, matrices: Array) -> Array:
-        """Position of the second part relative to each target, ``(targets, 3)`` in the first part's frame [m]."""
-        first, second = self.pair.first, self.pair.second
-        offsets: Array = (positions[second] - positions[first]) @ matrices[first] - self._positions
-        return offsets
-
-    def passes(self, positions: Array, matrices: Array) -> bool:
-        """Whether the pair counts as assembled.
-
-        Args:
-            positions: Part positions ``(P, 3)``, all in one frame.
-            matrices: Part rotations ``(P, 3, 3)``.
-        """
-        # Plain numbers: this runs at every step, and numpy is slow on so few of them.
-        for target, offset in enumerate(self.offsets(positions, matrices).tolist()):
-            if max(map(abs, offset)) <= POSITION_TOLERANCE_M:
-                if self.pair.any_rotation:
-                    return True
-                relative = matrices[self.pair.first].T @ matrices[self.pair.second]
-                if (relative * self._matrices[target]).sum(axis=0).min() >= AXIS_COSINE:
-                    return True
-        return False
-
-
-class Milestones:
-    """Milestones of a task: the first part in the corner, and for each pair how far its second part has come."""
-
-    def __init__(self, task: AssemblyTask, tests: Sequence[PairTest]) -> None:
-        """Prepare for ``task``, whose pairs are tested by ``tests``."""
-        base = task.parts[0]
-        # A part in the corner has its outer faces at the fence's inner faces.
-        self._home_x, self._home_y = (
-            corner - size / 2 for corner, size in zip(FENCE_CORNER_XY, base.footprint, strict=True)
-        )
-        self._pairs = [_PairProgress(task, test) for test in tests]
-
-    def reached(self, positions: Array, matrices: Array, assembled: Sequence[float]) -> list[bool]:
-        """Which milestones hold at this moment, in the order of ``task.milestones``.
-
-        Args:
-            positions: Part positions ``(P, 3)`` in the robot base frame.
-            matrices: Part rotations ``(P, 3, 3)``.
-            assembled: Whether each pair is assembled.
-        """
-        x, y, _ = positions[0].tolist()
-        milestones = [abs(self._home_x - x) < _PLACED_M and abs(self._home_y - y) < _PLACED_M]
-        for pair, done in zip(self._pairs, assembled, strict=True):
-            milestones += pair.reached(positions, matrices, bool(done))
-        return milestones
-
-
-class _PairProgress:
-    """How far the second part of a pair has come."""
-
-    def __init__(self, task: AssemblyTask, test: PairTest) -> None:
-        self._test = test
-        self._is_screwed = test.pair.joint is Joint.SCREWED
-        self._lifted_z = task.parts[test.pair.second].start[2] + _LIFTED_M
+        self._lifted_z = task.parts[pair.second].start[2] + _LIFTED_M
         # All targets of a pair have the same axis: that of the second part, seen from the first.
-        self._axis = quat_to_matrix(np.array(test.pair.targets[0][3:]))[:, 1]
+        self._axis = self._matrices[0, :, 1]
         # Outwards is where the second part comes from.
-        self._outwards = float(np.sign(self._axis @ np.array(test.pair.targets[0][:3])))
+        self._outwards = float(np.sign(self._axis @ self._positions[0]))
 
-    def reached(self, positions: Array, matrices: Array, assembled: bool) -> tuple[bool, ...]:
-        first, second = self._test.pair.first, self._test.pair.second
+    def measure(self, positions: Array, matrices: Array) -> tuple[bool, ...]:
+        """Which milestones of the pair hold at this moment; the last is that it is assembled.
+
+        Args:
+            positions: Part positions ``(P, 3)``, z upwards.
+            matrices: Part rotations ``(P, 3, 3)``.
+        """
+        first, second = self.pair.first, self.pair.second
         lifted = float(positions[second, 2]) > self._lifted_z
-        if not self._is_screwed:
-            return (lifted, lifted and self._is_over(positions, matrices), assembled)
-        upright = float(matrices[first] @ self._axis @ matrices[second, :, 1]) > AXIS_COSINE
-        if not upright:
-            return (lifted, False, False, False, assembled)
-        aside, height = self._offset(positions, matrices)
+        is_screwed = self.pair.joint is Joint.SCREWED
+        reference = matrices[first]
+        # This runs at every step, most of them with the part lying somewhere: nothing is measured in vain.
+        if is_screwed and not float(reference @ self._axis @ matrices[second, :, 1]) >= AXIS_COSINE:
+            return (lifted, False, False, False, False)
+        offsets = (positions[second] - positions[first]) @ reference - self._positions
+        assembled = self._is_assembled(offsets.tolist(), reference, matrices[second])
+        aside, height = self._nearest(offsets)
+        if not is_screwed:
+            return (lifted, lifted and aside < _OVER_HOLE_M, assembled)
         in_hole = aside < _INSERTED_M and height < _INSERTED_HEIGHT_M
         return (lifted, lifted, aside < _OVER_HOLE_M and (lifted or in_hole), in_hole, assembled)
 
-    def _is_over(self, positions: Array, matrices: Array) -> bool:
-        return self._offset(positions, matrices)[0] < _OVER_HOLE_M
+    def _is_assembled(self, offsets: list[list[float]], first: Array, second: Array) -> bool:
+        for target, offset in enumerate(offsets):
+            if max(map(abs, offset)) <= POSITION_TOLERANCE_M:
+                if self.pair.any_rotation:
+                    return True
+                if (first.T @ second * self._matrices[target]).sum(axis=0).min() >= AXIS_COSINE:
+                    return True
+        return False
 
-    def _offset(self, positions: Array, matrices: Array) -> tuple[float, float]:
+    def _nearest(self, offsets: Array) -> tuple[float, float]:
         """Distance from the nearest target's axis, and height over its seat [m]."""
-        offsets = self._test.offsets(positions, matrices)
         heights = offsets @ self._axis
-        aside = np.linalg.norm(offsets - heights[:, None] * self._axis, axis=1)
-        nearest = int(np.argmin(aside))
-        return float(aside[nearest]), self._outwards * float(heights[nearest])
+        squares = np.vecdot(offsets, offsets) - heights * heights
+        nearest = int(squares.argmin())
+        return math.sqrt(max(squares[nearest], 0.0)), self._outwards * float(heights[nearest])
+
+
+class BaseProgress:
+    """Whether the first part of a task has been pushed into the corner."""
+
+    def __init__(self, task: AssemblyTask) -> None:
+        """Prepare for ``task``."""
+        # A part in the corner has its outer faces at the fence's inner faces.
+        width, depth = task.parts[0].footprint
+        self._home_x, self._home_y = FENCE_CORNER_XY[0] - width / 2, FENCE_CORNER_XY[1] - depth / 2
+
+    def is_placed(self, positions: Array) -> bool:
+        """Whether it is in the corner.
+
+        Args:
+            positions: Part positions ``(P, 3)`` in the robot base frame.
+        """
+        x, y = float(positions[0, 0]), float(positions[0, 1])
+        return abs(self._home_x - x) < _PLACED_M and abs(self._home_y - y) < _PLACED_M
