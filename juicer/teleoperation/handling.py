@@ -51,7 +51,7 @@ HANDLINGS = {
         flat_rad=math.pi / 4, turn_back_above_m=0.04, lies=False,
     ),
     "lamp_hood": Handling(
-        (0.044, 0.050, 0.044), -0.042, 0.0640, -0.042, 0.0640, flat_every_rad=math.pi / 8, lies=False, clear_m=0.105
+        (0.044, 0.050, 0.044), -0.034, 0.0655, -0.034, 0.0655, flat_every_rad=math.pi / 8, lies=False, clear_m=0.105
     ),
     "lamp_bulb": Handling((0.030, 0.060, 0.030), 0.038, 0.0595, 0.038, 0.0595, flat_every_rad=math.pi / 36),
 }  # fmt: skip
