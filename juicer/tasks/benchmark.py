@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from juicer.tasks.specification import Box, PartSpec, Pose, Thread
+from juicer.tasks.specification import Ball, Box, PartSpec, Pose, Thread
 
 MM = 1e-3
 PITCH = 9.375 * MM
@@ -15,6 +15,9 @@ PEG_RADIUS = 10.0 * MM
 """Of the shaft, and of the helix on which the centres of its bead lie."""
 BORE_RADIUS = 12.5 * MM
 HOLE_HELIX_RADIUS = 13.125 * MM
+
+_FOOT_RADIUS, _FOOT_OUT = 2.0 * MM, 0.2 * MM
+_RIM_MIDDLE = 14.4 * MM
 
 # World positions of the benchmark, moved into the robot base frame (base at world x -0.3, z 0.43).
 _BASE_X, _BASE_Z = -0.3, 0.43
@@ -39,6 +42,21 @@ def round_plate(radius: float, bottom_y: float, top_y: float, boxes: int) -> tup
     """Disc about the y axis as a star of boxes: a polygon of twice as many sides, ``radius`` to their middles."""
     half = (radius, (top_y - bottom_y) / 2, radius * math.tan(math.pi / (2 * boxes)))
     return tuple(Box((0.0, (bottom_y + top_y) / 2, 0.0), half, index * math.pi / boxes) for index in range(boxes))
+
+
+def feet(radius: float, bottom_y: float, count: int) -> tuple[Ball, ...]:
+    """Ring of balls, slightly proud of a flat face that looks along -y, on which a part stands without rocking."""
+    angles = (2 * math.pi * index / count for index in range(count))
+    y = bottom_y + _FOOT_RADIUS - _FOOT_OUT
+    return tuple(Ball((radius * math.sin(angle), y, radius * math.cos(angle)), _FOOT_RADIUS) for angle in angles)
+
+
+def shoulder(bottom_y: float) -> tuple[Ball, ...]:
+    """Feet around a peg, with which a part comes to rest on the rim of its hole.
+
+    A flat box on a ring of boxes makes some 50 contacts where six do; four such legs cost ten times the physics.
+    """
+    return feet(_RIM_MIDDLE, bottom_y, 6)
 
 
 def axis_turn(degrees: float) -> tuple[float, float, float, float]:

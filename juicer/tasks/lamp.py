@@ -4,6 +4,7 @@ The base stands with -y up. Deviations from the measured facts, each for a reaso
 
 * The base's flare is three boxes, its stem the wall of the bore; the fillet under the flange is left out.
 * The bulb's sphere is solid, its collar the square grip zone; the tip of its peg is not rounded.
+* Parts with a peg rest on their hole's rim with six balls that stand out by 0.2 mm, see :func:`shoulder`.
 * The hood is a cone of 16 panels without the flats for tags.
 """
 
@@ -18,6 +19,7 @@ from juicer.tasks.benchmark import (
     inner_thread,
     layouts,
     outer_thread,
+    shoulder,
 )
 from juicer.tasks.specification import (
     AssemblyPair,
@@ -83,7 +85,7 @@ def _bulb() -> PartSpec:
         footprint=(0.13, 0.057),
         rgb=(0.95, 0.85, 0.45),
         boxes=(_square(17.5 * MM, -13.125 * MM, 13.125 * MM),),
-        balls=(Ball((0.0, 38.0 * MM, 0.0), 30.0 * MM),),
+        balls=(Ball((0.0, 38.0 * MM, 0.0), 30.0 * MM), *shoulder(-13.125 * MM)),
         pegs=(Peg(PEG_RADIUS, -53.0 * MM, -13.0 * MM),),
         threads=(outer_thread(-40.75 * MM, 180.0),),
         rolls=True,

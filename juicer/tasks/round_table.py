@@ -5,6 +5,7 @@ about x. Deviations from the measured facts, each for a reason:
 
 * The top is a polygon of 24 sides and rests on six balls that stand out by 0.2 mm: a disc of panels would touch the
   table in a hundred points.
+* Parts with a peg rest on their hole's rim with six balls that stand out by 0.2 mm, see :func:`shoulder`.
 * The hole of the top is turned by 41 degrees, so that its hard stop lies at the nominal yaw. As measured, the original
   reaches the nominal yaw only by penetration.
 * The leg's grip zone is a plain square of 32.5 mm (its corners stand out of the round head by 1.7 mm).
@@ -21,16 +22,17 @@ from juicer.tasks.benchmark import (
     PEG_RADIUS,
     axis_turn,
     base_pose,
+    feet,
     inner_thread,
     layouts,
     outer_thread,
     round_plate,
+    shoulder,
     upright_pose,
 )
 from juicer.tasks.specification import (
     AssemblyPair,
     AssemblyTask,
-    Ball,
     Bore,
     Box,
     Grasp,
@@ -39,14 +41,6 @@ from juicer.tasks.specification import (
     Peg,
     Shell,
 )
-
-_FOOT_RADIUS, _FOOT_OUT = 2.0 * MM, 0.2 * MM
-
-
-def _feet(radius: float, bottom_y: float, count: int) -> tuple[Ball, ...]:
-    angles = (2 * math.pi * index / count for index in range(count))
-    y = bottom_y + _FOOT_RADIUS - _FOOT_OUT
-    return tuple(Ball((radius * math.sin(angle), y, radius * math.cos(angle)), _FOOT_RADIUS) for angle in angles)
 
 
 def _top() -> PartSpec:
@@ -61,7 +55,7 @@ def _top() -> PartSpec:
         start_shift_m=(-0.05, 0.01),
         rgb=(0.82, 0.80, 0.75),
         boxes=round_plate(94.0 * MM, -1.25 * MM, 5.0 * MM, 4),
-        balls=_feet(85.0 * MM, -1.25 * MM, 6),
+        balls=feet(85.0 * MM, -1.25 * MM, 6),
         shells=(Shell(-1.25 * MM, 17.5 * MM, 93.75 * MM, 93.75 * MM, 6.25 * MM, 24),),
         bores=(Bore((0.0, 0.0), BORE_RADIUS, 21.25 * MM, 5.0 * MM, 31.25 * MM),),
         threads=(inner_thread(5.0 * MM, -130.7),),
@@ -81,6 +75,7 @@ def _leg() -> PartSpec:
             Box((0.0, 0.0, 0.0), (16.25 * MM, 13.125 * MM, 16.25 * MM)),
             Box((0.0, 18.75 * MM, 0.0), (13.5 * MM, 5.625 * MM, 13.5 * MM)),
         ),
+        balls=shoulder(-13.125 * MM),
         pegs=(Peg(PEG_RADIUS, -39.375 * MM, -13.125 * MM),),
         bores=(Bore((0.0, 0.0), BORE_RADIUS, 21.25 * MM, 13.125 * MM, 51.875 * MM),),
         threads=(outer_thread(-31.875 * MM, 90.0), inner_thread(24.375 * MM, -90.0)),
@@ -109,6 +104,7 @@ def _base() -> PartSpec:
             Box((0.0, 5.0 * MM, 0.0), arm[0], quarter),
             *tips,
         ),
+        balls=shoulder(-1.25 * MM),
         pegs=(Peg(PEG_RADIUS, -28.75 * MM, -1.25 * MM),),
         threads=(outer_thread(-20.0 * MM, -90.0),),
     )

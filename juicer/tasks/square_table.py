@@ -4,12 +4,13 @@ Deviations from the measured facts, each for a reason:
 
 * Legs are centred on their own axis (the meshes sit up to 0.6 mm off): a bias of the size of the clearance.
 * The 1.25 mm deep AprilTag pockets and engravings are filled: a leg is 30 mm across flats everywhere.
+* Parts with a peg rest on their hole's rim with six balls that stand out by 0.2 mm, see :func:`shoulder`.
 * All four legs carry leg 4's thread phase, whose hard stop lies at the nominal yaw (leg 1's would overlap).
 """
 
 from __future__ import annotations
 
-from juicer.tasks.benchmark import MM, base_pose, inner_thread, layouts, outer_thread
+from juicer.tasks.benchmark import MM, base_pose, inner_thread, layouts, outer_thread, shoulder
 from juicer.tasks.specification import AssemblyPair, AssemblyTask, Bore, Box, Insertion, PartSpec, Peg, Pose
 
 HOLE_OFFSET = 56.25 * MM
@@ -65,6 +66,7 @@ def square_table_leg(number: int, world_y: float, rgb: tuple[float, float, float
         footprint=(0.0875, 0.05),
         rgb=rgb,
         boxes=(Box((0.0, 0.0, 0.0), (15.0 * MM, 31.25 * MM, 15.0 * MM)),),
+        balls=shoulder(-31.25 * MM),
         pegs=(Peg(10.0 * MM, -56.25 * MM, -31.25 * MM),),
         threads=(outer_thread(-50.0 * MM, 0.0),),
     )

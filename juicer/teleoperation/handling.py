@@ -18,6 +18,8 @@ class Handling:
         half_size_m: Half extents of a box around it.
         pick_m: Where along the axis it is picked up.
         pick_width_m: Its width there.
+        pick_below_m: How much lower than the operator's habit it is picked up.
+        swings: Whether it is grasped at a ball, between fingers in which it hangs down like a pendulum.
         screw_m: Where it is grasped to be screwed in, above its origin.
         screw_width_m: Its width there.
         flat_rad: Yaw of the part's x axis, relative to the hand's, at which the fingers lie flat for a stroke.
@@ -37,6 +39,8 @@ class Handling:
     turn_back_above_m: float = 0.0
     lies: bool = True
     clear_m: float | None = None
+    pick_below_m: float = 0.0
+    swings: bool = False
 
 
 _SQUARE_LEG = Handling((0.015, 0.056, 0.015), 0.0115, 0.030, 0.012, 0.030)
@@ -53,7 +57,10 @@ HANDLINGS = {
     "lamp_hood": Handling(
         (0.044, 0.050, 0.044), -0.034, 0.0655, -0.034, 0.0655, flat_every_rad=math.pi / 8, lies=False, clear_m=0.105
     ),
-    "lamp_bulb": Handling((0.030, 0.060, 0.030), 0.038, 0.0595, 0.038, 0.0595, flat_every_rad=math.pi / 36),
+    "lamp_bulb": Handling(
+        (0.030, 0.060, 0.030), 0.038, 0.0595, 0.038, 0.0595,
+        flat_every_rad=math.pi / 36, pick_below_m=0.008, swings=True,
+    ),
 }  # fmt: skip
 """By name of the part."""
 

@@ -46,6 +46,9 @@ _CLEAR_OF_PART_M = 0.06
 _AWAY_M = 0.05
 _FINGER_PLAY_M = 0.008
 
+# Nearer to the robot than this, the wrist cannot bend as far: the hand has to stand more upright over the hole.
+_FAR_X_M, _TILT_RAD_M = 0.60, 2.5
+
 
 class Mounting:
     """The phases in which a part is mounted."""
@@ -73,7 +76,7 @@ class Mounting:
     def pick_up(self, scene: Scene) -> Skill:
         """Grasp the part, one that lies with a tilted hand, so that it can stand up without the hand in its way."""
         view, habits = self.view, self._habits
-        tilt = habits.tilt_rad if self._handling.lies else 0.0
+        tilt = self._pick_tilt(scene)
         if self._room(scene, tilt) is None:
             scene = yield from self.pull_free(scene)
         aside = self._room(scene, tilt) or 0.0
@@ -92,7 +95,7 @@ class Mounting:
         """Pull the lying part out from among the other parts with an upright hand, which needs less room."""
         view, habits = self.view, self._habits
         part = view.part(scene)
-        tilted = self._pick_grasp(scene, habits.tilt_rad, 0.0)
+        tilted = self._pick_grasp(scene, self._pick_tilt(scene), 0.0)
         others = obstacles(self._task, scene, grasped=view.part_index)
         shift = nearest_room(tilted, Block(part, np.array(view.handling.half_size_m)), others)
         if shift is None:
@@ -164,6 +167,13 @@ class Mounting:
     def _leave(self, scene: Scene, phase: str) -> Skill:
         return (yield from leave(scene, self.view.open_width_m, self._habits, phase))
 
+    def _pick_tilt(self, scene: Scene) -> float:
+        """Tilt of the hand that picks up the part; what it is short of upright, it will be tilted over the hole."""
+        if self._handling.swings or not self._handling.lies:
+            return 0.0
+        near = max(0.0, _FAR_X_M - float(self.view.seat_pose(scene).position[0]))
+        return self._habits.tilt_rad + _TILT_RAD_M * near
+
     def _pick_grasp(self, scene: Scene, tilt_rad: float, aside_m: float) -> Pose:
         """Hand over the part: across one that lies, tilted back towards its peg, else straight down on its flats."""
         part, handling = self.view.part(scene), self._handling
@@ -177,7 +187,8 @@ class Mounting:
         c, s = math.cos(tilt_rad), math.sin(tilt_rad)
         x, z = c * along - s * UP, -c * UP - s * along
         y = cross(z, x)
-        where = (handling.pick_m + self._habits.pick_offset_m) * axis + self._habits.pick_height_m * UP
+        height = self._habits.pick_height_m - handling.pick_below_m
+        where = (handling.pick_m + self._habits.pick_offset_m) * axis + height * UP
         return Pose(part.position + where + aside_m * y, np.column_stack([x, y, z]))
 
     def _room(self, scene: Scene, tilt_rad: float) -> float | None:
