@@ -28,6 +28,8 @@ NUM_ARM_JOINTS = 7
 _ITERATIONS = 8
 _TOLERANCE = 1e-4  # metres and radians together
 _DAMPING_MATRIX = 1e-3**2 * np.eye(6)
+# Among joints that cannot reach a pose, because another is at its limit: a millimetre counts as a hundredth of a radian.
+_LIMITED_DAMPING_MATRIX, _POSITION_WEIGHT = 5e-2**2 * np.eye(6), 10.0
 _POSTURE_GAIN = 0.02
 _HIGHEST_STEP = np.array(0.35)  # radians; as arrays, which numpy need not convert
 _LOWEST_STEP = -_HIGHEST_STEP
@@ -101,18 +103,25 @@ class EndEffectorController:
         """Move the arm model from where it is, by the measured error, until its end effector reaches the pose."""
         model, data, joints = self._model, self._data, self._joints
         jacobian, error = self._jacobian, self._error
-        solution = np.empty(6)
+        solution, damping, wanted = np.empty(6), _DAMPING_MATRIX, joints
         for _ in range(_ITERATIONS):
             if mujoco.mju_norm(error) < _TOLERANCE:
                 break
             mujoco.mj_comPos(model, data)
             mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], self._site)
             posture = _POSTURE_GAIN * (self._posture - joints)
-            gram = jacobian @ jacobian.T + _DAMPING_MATRIX
+            limited = wanted != joints
+            if limited.any():
+                jacobian[:, limited] = posture[limited] = 0.0
+                jacobian[:3] *= _POSITION_WEIGHT
+                error[:3] *= _POSITION_WEIGHT
+                damping = _LIMITED_DAMPING_MATRIX
+            gram = jacobian @ jacobian.T + damping
             mujoco.mju_cholFactor(gram, 0.0)
             mujoco.mju_cholSolve(solution, gram, error - jacobian @ posture)
             step = _clipped(posture + jacobian.T @ solution, _LOWEST_STEP, _HIGHEST_STEP)
-            joints[:] = _clipped(joints + step, self._lowest, self._highest)
+            wanted = joints + step
+            joints[:] = _clipped(wanted, self._lowest, self._highest)
             mujoco.mj_kinematics(model, data)
             self._measure_error(position, rotation)
 

@@ -47,7 +47,7 @@ _AWAY_M = 0.05
 _FINGER_PLAY_M = 0.008
 
 # Nearer to the robot than this, the wrist cannot bend as far: the hand has to stand more upright over the hole.
-_FAR_X_M, _TILT_RAD_M = 0.60, 2.5
+_FAR_X_M, _TILT_RAD_M = 0.56, 6.5
 
 
 class Mounting:
