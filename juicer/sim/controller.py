@@ -28,7 +28,7 @@ NUM_ARM_JOINTS = 7
 _ITERATIONS = 8
 _TOLERANCE = 1e-4  # metres and radians together
 _DAMPING_MATRIX = 1e-3**2 * np.eye(6)
-# Among joints that cannot reach a pose, because another is at its limit: a millimetre counts as a hundredth of a radian.
+# Where a joint at its limit keeps the others from a pose: a millimetre counts as a hundredth of a radian.
 _LIMITED_DAMPING_MATRIX, _POSITION_WEIGHT = 5e-2**2 * np.eye(6), 10.0
 _POSTURE_GAIN = 0.02
 _HIGHEST_STEP = np.array(0.35)  # radians; as arrays, which numpy need not convert

@@ -19,6 +19,7 @@ class Handling:
         pick_m: Where along the axis it is picked up.
         pick_width_m: Its width there.
         pick_below_m: How much lower than the operator's habit it is picked up.
+        pick_play_m: How far aside of it the open hand may come down.
         swings: Whether it is grasped at a ball, between fingers in which it hangs down like a pendulum.
         screw_m: Where it is grasped to be screwed in, above its origin.
         screw_width_m: Its width there.
@@ -40,6 +41,7 @@ class Handling:
     lies: bool = True
     clear_m: float | None = None
     pick_below_m: float = 0.0
+    pick_play_m: float = 0.004
     swings: bool = False
 
 
@@ -55,7 +57,8 @@ HANDLINGS = {
         flat_rad=math.pi / 4, turn_back_above_m=0.04, lies=False,
     ),
     "lamp_hood": Handling(
-        (0.044, 0.050, 0.044), -0.034, 0.0655, -0.034, 0.0655, flat_every_rad=math.pi / 8, lies=False, clear_m=0.105
+        (0.044, 0.050, 0.044), -0.034, 0.0655, -0.034, 0.0655,
+        flat_every_rad=math.pi / 8, lies=False, clear_m=0.105, pick_play_m=0.0015,
     ),
     "lamp_bulb": Handling(
         (0.030, 0.060, 0.030), 0.038, 0.0595, 0.038, 0.0595,

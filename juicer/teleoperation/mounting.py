@@ -41,7 +41,7 @@ _ON_BEADS_M, _DOWN_M = 0.018, 0.004
 _SINK_M = 0.020
 _ALIGNED_M = 0.0025
 _CAUGHT_M = 0.007
-_UPRIGHT_RAD = math.radians(12)
+_UPRIGHT_RAD, _LEANS_FAR_RAD = math.radians(12), math.radians(12)
 _CLEAR_OF_PART_M = 0.06
 _AWAY_M = 0.05
 _FINGER_PLAY_M = 0.008
@@ -85,7 +85,8 @@ class Mounting:
             return self._pick_grasp(scene, tilt, aside)
 
         name = self.view.label
-        scene = yield from descend(scene, grasp, habits.clearance_m, habits.pace, f"go to the {name}")
+        play = self._handling.pick_play_m
+        scene = yield from descend(scene, grasp, habits.clearance_m, habits.pace, f"go to the {name}", play)
         scene = yield from grip(scene, CLOSE, view.is_closed_on_part, f"grasp the {name}")
         if not view.is_held(scene):
             return (yield from self._leave(scene, "let go"))
@@ -281,7 +282,12 @@ class ScrewMounting(Mounting):
         return point
 
     def _screw_grasp(self, scene: Scene) -> Vector:
-        return self._on_axis(scene) + (self._handling.screw_m + self._habits.screw_offset_m) * UP
+        """Where the hand grasps for a stroke: over the hole, which straightens the part, unless it leans too far."""
+        along = self._handling.screw_m + self._habits.screw_offset_m
+        if self.view.seat(scene).lean_rad > _LEANS_FAR_RAD:
+            part = self.view.part(scene)
+            return part.position + along * part.rotation[:, 1]
+        return self._on_axis(scene) + along * UP
 
     def _turning_back(self, scene: Scene) -> Pose:
         """Way of the open hand to the next grasp: clear of a part that leans, turn, come down."""

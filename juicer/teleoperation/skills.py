@@ -21,6 +21,7 @@ STEP_S = 0.1
 # A target that leads the hand by 10 mm moves it by about 5 mm in a control step.
 _FOLLOWING = 0.5
 _STILL_FINGERS_M = 2e-4
+_PLAY_M = 0.004
 _STILL_M_S, _STILL_RAD_S = 0.006, 0.05
 
 
@@ -88,17 +89,20 @@ def reach(scene: Scene, goal: Goal, gripper: float, pace: Pace, done: Test, phas
     return scene
 
 
-def descend(scene: Scene, grasp: Goal, clearance_m: float, pace: Pace, phase: str) -> Skill:
-    """Come down on a grasp with the gripper open, until something stops the hand: the better placed, the lower."""
+def descend(scene: Scene, grasp: Goal, clearance_m: float, pace: Pace, phase: str, play_m: float = _PLAY_M) -> Skill:
+    """Come down on a grasp with the gripper open, until something stops the hand: the better placed, the lower.
+
+    The smaller ``play_m``, by which the hand may stand aside without its fingers meeting the part, the steeper.
+    """
 
     def goal(scene: Scene) -> Pose:
         pose = grasp(scene)
         offset = pose.position - scene.hand.position
         aside = math.hypot(offset[0], offset[1])
         turn = length(turn_between(scene.hand.rotation, pose.rotation))
-        return above(pose, min(clearance_m, max(0.0, aside - 0.004) + 0.15 * max(0.0, turn - 0.05)))
+        return above(pose, min(clearance_m, _PLAY_M * max(0.0, aside / play_m - 1.0) + 0.15 * max(0.0, turn - 0.05)))
 
-    arrived, stall = near(grasp, 0.004, math.radians(3)), Stall()
+    arrived, stall = near(grasp, play_m, math.radians(3)), Stall()
     return reach(scene, goal, OPEN, pace, lambda scene: arrived(scene) or stall(scene), phase)
 
 
