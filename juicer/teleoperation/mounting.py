@@ -15,7 +15,7 @@ from juicer.teleoperation.corner import PUSH_LEAD_M, leave
 from juicer.teleoperation.gripper_room import Block, has_room, nearest_room, obstacles
 from juicer.teleoperation.handling import Habits
 from juicer.teleoperation.pair_view import EASY_YAW_RAD, PairView, downward
-from juicer.teleoperation.pose import UP, Pose, Vector, cross, heading, length, wrapped
+from juicer.teleoperation.pose import UP, Pose, Vector, cross, heading, length, swing, turned, wrapped
 from juicer.teleoperation.scene import Scene
 from juicer.teleoperation.skills import (
     CLOSE,
@@ -182,7 +182,9 @@ class Mounting:
         if not handling.lies:
             flat = heading(part.rotation[:, 0]) + handling.flat_rad
             yaw = EASY_YAW_RAD + wrapped(flat - EASY_YAW_RAD, handling.flat_every_rad)
-            return Pose(part.position + handling.pick_m * axis, downward(yaw))
+            # One that was knocked over leans on something: the hand leans with it.
+            upwards = axis if axis[2] > 0 else -axis
+            return Pose(part.position + handling.pick_m * axis, turned(swing(UP, upwards), downward(yaw)))
         along = axis - axis[2] * UP
         along = along / max(length(along), 1e-6)
         c, s = math.cos(tilt_rad), math.sin(tilt_rad)

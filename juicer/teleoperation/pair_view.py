@@ -125,19 +125,14 @@ class PairView:
         """Rotation of the part that stands on its mate, in the quarter turn that leads the hand away from the robot."""
         seated = self.seat_pose(scene).rotation
         if self.handling.swings:
-            return self._straightened(self.part(scene).rotation, seated[:, 1])
+            rotation = self.part(scene).rotation
+            return turned(swing(rotation[:, 1], seated[:, 1]), rotation)
         held = self.part(scene).rotation.T @ scene.hand.rotation
         choices = [turned(quarter * math.pi / 2 * seated[:, 1], seated) for quarter in range(4)]
         if self.handling.lies:
             return max(choices, key=lambda rotation: float((rotation @ held[:, 2]) @ _FORWARDS))
         # A hand that points down leads nowhere; its wrist is most at ease half-way through a stroke.
         return min(choices, key=lambda rotation: abs(wrapped(heading((rotation @ held)[:, 0]) - EASY_YAW_RAD)))
-
-    def _straightened(self, rotation: Matrix, axis: Vector) -> Matrix:
-        """A rotation with its y axis turned the shortest way to where it shall point."""
-        across = cross(rotation[:, 1], axis)
-        sine = length(across)
-        return turned(math.asin(min(sine, 1.0)) / max(sine, 1e-9) * across, rotation)
 
     def hand_yaw(self, scene: Scene) -> float:
         """Heading of the hand's x axis [rad]."""

@@ -113,6 +113,16 @@ def turned(turn: Vector, rotation: Matrix) -> Matrix:
     return turned_rotation
 
 
+def swing(start: Vector, goal: Vector) -> Vector:
+    """Rotation vector [rad] that takes one unit vector to another the shortest way; none if they are opposite."""
+    across = cross(start, goal)
+    sine = length(across)
+    if sine < 1e-9:
+        return across
+    swung: Vector = math.atan2(sine, float(start @ goal)) / sine * across
+    return swung
+
+
 def angle_between(first: Vector, second: Vector) -> float:
     """Angle between two unit vectors [rad]."""
     return math.acos(min(1.0, max(-1.0, float(first @ second))))
