@@ -15,10 +15,9 @@ from juicer.teleoperation.pose import (
     Pose,
     Vector,
     angle_between,
-    cross,
     heading,
-    length,
     pose_of,
+    swing,
     turned,
     wrapped,
 )
