@@ -71,12 +71,12 @@ def main() -> None:
             marks = [marked_step(env.task, state, phases, milestones) for state in env.task.critical_states]
             for proposal in propose(env, demonstration, AnnotationConfig()):
                 offsets[proposal.critical_state].append(proposal.step - marks[proposal.critical_state])
-        for state, found in zip(env.task.critical_states, offsets, strict=True):
+        for state, found in zip(env.task.critical_state_names, offsets, strict=True):
             right = sum(abs(offset) <= options.tolerance for offset in found)
             precision = f"{right / len(found):9.0%}" if found else f"{'-':>9}"
             middle = f"{median(found):+.0f} steps" if found else "-"
             print(
-                f"{name:<13} {described(env.task, state):<20} {demonstrations:14d} {len(found):9d} {right:6d}  "
+                f"{name:<13} {state:<20} {demonstrations:14d} {len(found):9d} {right:6d}  "
                 f"{precision} {right / max(demonstrations, 1):7.0%}  {middle}",
                 flush=True,
             )
@@ -95,13 +95,6 @@ def marked_step(task: AssemblyTask, state: CriticalState, phases: Sequence[str],
         phase, until = f"grasp the {label}", milestones[f"{label}_lifted"]
     begins = [step for step, (last, now) in enumerate(pairwise(phases), start=1) if now == phase != last]
     return max((step for step in begins if step <= until), default=begins[0])
-
-
-def described(task: AssemblyTask, state: CriticalState) -> str:
-    """A critical state in words."""
-    if isinstance(state, Insertion):
-        return f"insert {task.pairs[state.pair].label}"
-    return f"grasp {task.parts[state.part].name.removeprefix(f'{task.name}_')}"
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from juicer.augmentation.config import AugmentationConfig
 from juicer.augmentation.summary import AugmentationSummary
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.storage.tables import read_annotations
+from juicer.tasks.registry import get_task
 from stages.stage import StageContext, stage
 
 
@@ -26,8 +27,9 @@ class AugmentConfig(AugmentationConfig):
 )
 def augment(context: StageContext, *, episodes: ArtifactRef, annotations: ArtifactRef, config: AugmentConfig) -> None:
     """Grow demonstrations around their critical states."""
+    demonstrations = EpisodeReader(context.store.open(episodes, "episodes"))
     attempts = augment_demonstrations(
-        EpisodeReader(context.store.open(episodes, "episodes")),
+        demonstrations,
         read_annotations(context.store.open(annotations, "annotations")),
         AugmentationConfig(**{name: getattr(config, name) for name in AugmentationConfig.model_fields}),
         artifact=episodes.id,
@@ -35,7 +37,7 @@ def augment(context: StageContext, *, episodes: ArtifactRef, annotations: Artifa
         num_workers=context.workers,
         progress=context.progress,
     )
-    summary = AugmentationSummary()
+    summary = AugmentationSummary(get_task(demonstrations.records[0].task).critical_state_names)
     write_episodes(context.draft.path, summary.keep(attempts), {"source": "augmentation"})
     facts = summary.as_json()
     context.draft.summary |= {"episodes": facts["snippets"], **facts}

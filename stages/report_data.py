@@ -139,7 +139,10 @@ class _Sources:
                 label=f"{summary['snippets']} corrective episodes",
                 kept=summary["snippets"],
                 rejected=summary["rejections"],
-                per_critical_state={int(state): n for state, n in summary["snippets_by_critical_state"].items()},
+                by_critical_state={
+                    name: (counts["snippets"], counts["attempts"])
+                    for name, counts in summary["by_critical_state"].items()
+                },
             )
 
     def datasets(self) -> Iterator[DatasetSize]:

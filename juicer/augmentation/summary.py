@@ -19,11 +19,17 @@ TURNED_EDGES_DEG = (0, 2, 5, 10, 20, 45, 90, 180)
 class AugmentationSummary:
     """Counts attempts as they pass by."""
 
-    def __init__(self) -> None:
-        """Start with nothing counted."""
+    def __init__(self, critical_states: Sequence[str]) -> None:
+        """Start with nothing counted.
+
+        Args:
+            critical_states: Names of the task's critical states, in order.
+        """
+        self._critical_states = critical_states
         self._tried: Counter[str] = Counter()
         self._kept: Counter[str] = Counter()
-        self._critical_states: Counter[int] = Counter()
+        self._tried_at: Counter[int] = Counter()
+        self._kept_at: Counter[int] = Counter()
         self._parents: Counter[str | None] = Counter()
         self._rejections: Counter[str] = Counter()
         self._lengths: list[int] = []
@@ -35,11 +41,12 @@ class AugmentationSummary:
         """Count every attempt and yield the episodes of those that were kept."""
         for attempt in attempts:
             self._tried[attempt.departure] += 1
+            self._tried_at[attempt.critical_state] += 1
             if isinstance(attempt, Rejection):
                 self._rejections[attempt.reason] += 1
                 continue
             self._kept[attempt.departure] += 1
-            self._critical_states[attempt.critical_state] += 1
+            self._kept_at[attempt.critical_state] += 1
             self._parents[attempt.episode.record.parent] += 1
             self._lengths.append(len(attempt.episode))
             self._sideways_mm.append(1e3 * attempt.sideways_m)
@@ -58,7 +65,10 @@ class AugmentationSummary:
             "mean_length": sum(self._lengths) / kept if kept else 0.0,
             "demonstrations_used": len(self._parents),
             "rejections": {str(reason): n for reason, n in self._rejections.most_common()},
-            "snippets_by_critical_state": {str(state): n for state, n in sorted(self._critical_states.items())},
+            "by_critical_state": {
+                self._critical_states[state]: {"attempts": tried, "snippets": self._kept_at[state]}
+                for state, tried in sorted(self._tried_at.items())
+            },
             "by_departure": {
                 kind: {"attempts": tried, "snippets": self._kept[kind]} for kind, tried in sorted(self._tried.items())
             },

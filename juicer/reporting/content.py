@@ -53,13 +53,13 @@ class AugmentationYield:
         label: Which augmentation, e.g. ``50 demonstrations``.
         kept: Snippets kept.
         rejected: Rejected snippets by reason.
-        per_critical_state: Kept snippets by index of the critical state.
+        by_critical_state: Snippets kept and attempts, by name of the critical state.
     """
 
     label: str
     kept: int
     rejected: Mapping[str, int]
-    per_critical_state: Mapping[int, int] = field(default_factory=dict)
+    by_critical_state: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -248,6 +248,15 @@ class AssemblyTask:
         return len(self.critical_states)
 
     @property
+    def critical_state_names(self) -> tuple[str, ...]:
+        """What happens at each critical state, e.g. ``grasp bulb`` or ``insert bulb``."""
+        labels = {0: self.base_label} | {pair.second: pair.label for pair in self.pairs}
+        return tuple(
+            f"grasp {labels[state.part]}" if isinstance(state, Grasp) else f"insert {self.pairs[state.pair].label}"
+            for state in self.critical_states
+        )
+
+    @property
     def milestones(self) -> tuple[str, ...]:
         """Names of the steps on the way to success, in order."""
         return (f"{self.base_label}_placed", *(name for pair in self.pairs for name in pair.milestones))

@@ -143,11 +143,11 @@ def test_stored_snippets_replay_exactly(attempts: list[Snippet | Rejection], tmp
 
 
 def test_the_summary_tells_the_yield(attempts: list[Snippet | Rejection]):
-    summary = AugmentationSummary()
+    summary = AugmentationSummary(["insert leg"])
     episodes = list(summary.keep(attempts))
     facts = summary.as_json()
     assert facts["snippets"] == len(episodes) == 3
     assert facts["yield"] == 3 / facts["attempts"]
     assert facts["steps"] == sum(map(len, episodes))
     assert sum(facts["start_sideways_mm"].values()) == 3
-    assert facts["snippets_by_critical_state"] == {"0": 3}
+    assert facts["by_critical_state"] == {"insert leg": {"attempts": facts["attempts"], "snippets": 3}}

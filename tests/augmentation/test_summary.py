@@ -10,7 +10,7 @@ def test_every_value_falls_into_one_bin():
 
 
 def test_rejections_are_counted_by_reason_and_kind():
-    summary = AugmentationSummary()
+    summary = AugmentationSummary(["insert leg"])
     attempts = [
         Rejection("0123/0", 0, "far", RejectionReason.DROPPED),
         Rejection("0123/0", 0, "near", RejectionReason.DROPPED),
@@ -24,4 +24,4 @@ def test_rejections_are_counted_by_reason_and_kind():
 
 
 def test_a_summary_of_nothing_is_all_zero():
-    assert AugmentationSummary().as_json()["attempts"] == 0
+    assert AugmentationSummary(["insert leg"]).as_json()["attempts"] == 0

@@ -100,7 +100,9 @@ def report_data() -> ReportData:
             curve(f"{name}, seed 0", floor) for name, floor in (("BC", 0.02), ("TA", 0.018), ("TA+CI", 0.012))
         ),
         augmentations=(
-            AugmentationYield("50 demonstrations", 150, {"did_not_return": 31, "part_dropped": 12}, {0: 150}),
+            AugmentationYield(
+                "50 demonstrations", 150, {"did_not_return": 31, "part_dropped": 12}, {"insert leg": (150, 193)}
+            ),
         ),
         datasets=(
             DatasetSize("BC", {"teleop": 50}, {"teleop": 28_900}),
