@@ -68,7 +68,7 @@ def synthetic_episodes(seed: int = 0) -> TrainingEpisodes:
 def measure_training(episodes: TrainingEpisodes, preset: PolicyPreset, steps: int) -> dict[str, float]:
     """Median milliseconds of CPU time a training step, and of the gathering within it."""
     device, config = torch.device("cpu"), preset.training
-    network = build_policy(preset.policy, SPEC, seed=0)
+    network = build_policy(preset.policy, {"toy": SPEC}, seed=0)
     tables = build_tables(episodes, network, config, seed=0, device=device)
     learner = Learner(network, config, seed=0, device=device)
     order = BatchOrder(len(tables.learned), config.batch_size, seed=0)
@@ -88,7 +88,7 @@ def measure_training(episodes: TrainingEpisodes, preset: PolicyPreset, steps: in
 
 def measure_acting(preset: PolicyPreset, episodes: TrainingEpisodes, num_rows: int, repeats: int) -> float:
     """Median milliseconds of CPU time to choose the next actions of ``num_rows`` episodes."""
-    policy = TrainedPolicy(build_policy(preset.policy, SPEC, seed=0), preset.training.threads)
+    policy = TrainedPolicy(build_policy(preset.policy, {"toy": SPEC}, seed=0), "toy", preset.training.threads)
     observations = {name: values[:num_rows] for name, values in episodes.observations.items()}
     streams = [np.random.default_rng(row) for row in range(num_rows)]
     policy.predict(observations, streams)

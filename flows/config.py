@@ -32,9 +32,6 @@ _SCENE = {
         "memorise",
         "collect",
         "evaluate",
-        "train.diffusion",
-        "train.mlp_chunked",
-        "train.mlp_unchunked",
     ),
     "randomness": ("record", "collect", "evaluate"),
 }

@@ -5,17 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
-from juicer.episode import OBSERVATION_KEYS, EpisodeRecord, Source
+from juicer.episode import OBSERVATION_KEYS, Source
 from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
+from juicer.policy.tasks import Tasks, as_shown
 from juicer.storage.curves import CurveWriter
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.tables import read_selection
-from juicer.tasks.registry import get_task
+from juicer.tasks.registry import TASK_NAMES, get_task
 from juicer.training.config import TrainingConfig
 from juicer.training.windows import TrainingEpisodes
 from stages.stage import StageContext, stage
@@ -24,7 +24,6 @@ from stages.stage import StageContext, stage
 class TrainConfig(StrictConfig):
     """What to train, and how."""
 
-    task: str = Field(default="one_leg", description="assembly task")
     policy: PolicyConfig = PolicyConfig()
     training: TrainingConfig = TrainingConfig()
     seed: int = Field(default=0, ge=0, description="root of initial weights, split, order and noise")
@@ -42,20 +41,25 @@ def train(
     selections: tuple[ArtifactRef, ...] = (),
     config: TrainConfig,
 ) -> None:
-    """Train a policy on whole artifacts of episodes and on the kept episodes of selections."""
+    """Train a policy on whole artifacts of episodes and on the kept episodes of selections.
+
+    If they show several tasks, it is one policy for all of them, which is told the task.
+    """
     from juicer.policy.checkpoint import save_checkpoint  # torch takes seconds to import
     from juicer.training.trainer import train as train_policy
 
-    sources = [_source(context.store.open(ref, "episodes"), ref.id, None) for ref in episodes]
+    sources = [_Source(context.store.open(ref, "episodes"), ref.id, None) for ref in episodes]
     for ref in selections:
         (origin,) = context.store.manifest(ref).recipe.inputs["episodes"]
         kept = [row.episode for row in read_selection(context.store.open(ref, "selection")) if row.keep]
-        sources.append(_source(context.store.open(origin, "episodes"), origin.id, kept))
+        sources.append(_Source(context.store.open(origin, "episodes"), origin.id, kept))
+    shown = {source.task for source in sources}
+    tasks = {name: feature_spec(name) for name in TASK_NAMES if name in shown}
     curves = CurveWriter(context.draft.scratch, context.metrics)
     trained = train_policy(
-        [source.episodes for source in sources],
+        [source.read(tasks) for source in sources],
         config.policy,
-        feature_spec(config.task),
+        tasks,
         config.training,
         seed=config.seed,
         scratch=context.draft.scratch / "state",
@@ -78,33 +82,31 @@ def feature_spec(task_name: str) -> FeatureSpec:
 
 
 class _Source:
-    """Episodes to learn from, with what they are."""
+    """Episodes of one task to learn from."""
 
-    def __init__(self, episodes: TrainingEpisodes, records: list[EpisodeRecord]) -> None:
-        self.episodes = episodes
-        self.records = records
+    def __init__(self, folder: Path, artifact: str, kept: list[int] | None) -> None:
+        self._reader = EpisodeReader(folder)
+        self._artifact = artifact
+        self._chosen = list(range(len(self._reader))) if kept is None else kept
+        self.records = [self._reader.records[index] for index in self._chosen]
+        self.lengths = self._reader.lengths[self._chosen]
+        self.task = self.records[0].task
 
-
-def _source(folder: Path, artifact: str, kept: list[int] | None) -> _Source:
-    reader = EpisodeReader(folder)
-    chosen = list(range(len(reader))) if kept is None else kept
-    steps = _steps_of(reader, chosen)
-    records = [reader.records[index] for index in chosen]
-    return _Source(
-        TrainingEpisodes(
-            observations={key: reader.steps(key)[steps] for key in OBSERVATION_KEYS},
+    def read(self, tasks: Tasks) -> TrainingEpisodes:
+        """The episodes, for a policy that learns these tasks."""
+        reader = self._reader
+        starts = reader.episode_ends - reader.lengths
+        steps = np.concatenate([np.arange(starts[index], reader.episode_ends[index]) for index in self._chosen])
+        return TrainingEpisodes(
+            observations=as_shown({key: reader.steps(key)[steps] for key in OBSERVATION_KEYS}, tasks, self.task),
             actions=reader.steps("action")[steps],
-            episode_ends=np.cumsum(reader.lengths[chosen]),
+            episode_ends=np.cumsum(self.lengths),
             # A snippet goes with the demonstration it was grown from, lest one validates the other.
-            families=[record.parent or f"{artifact}/{index}" for index, record in zip(chosen, records, strict=True)],
-        ),
-        records,
-    )
-
-
-def _steps_of(reader: EpisodeReader, chosen: list[int]) -> NDArray[np.int64]:
-    starts = reader.episode_ends - reader.lengths
-    return np.concatenate([np.arange(starts[index], reader.episode_ends[index]) for index in chosen])
+            families=[
+                record.parent or f"{self._artifact}/{index}"
+                for index, record in zip(self._chosen, self.records, strict=True)
+            ],
+        )
 
 
 def _dataset(sources: list[_Source]) -> dict[str, object]:
@@ -112,8 +114,7 @@ def _dataset(sources: list[_Source]) -> dict[str, object]:
     episodes: dict[Source, int] = {}
     timesteps: dict[Source, int] = {}
     for source in sources:
-        lengths = np.diff(source.episodes.episode_ends, prepend=0)
-        for record, length in zip(source.records, lengths, strict=True):
+        for record, length in zip(source.records, source.lengths, strict=True):
             episodes[record.source] = episodes.get(record.source, 0) + 1
             timesteps[record.source] = timesteps.get(record.source, 0) + int(length)
     return {"episodes": episodes, "timesteps": timesteps}

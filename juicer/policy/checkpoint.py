@@ -20,7 +20,7 @@ from juicer.policy.network import PolicyNetwork, build_policy
 from juicer.policy.policy import TrainedPolicy
 from juicer.policy.replay import REPLAY_FILE, ReplayPolicy, load_replay
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 POLICY_FILE = "policy.json"
 WEIGHT_FILES = {"raw": "weights.safetensors", "ema": "ema.safetensors"}
 
@@ -31,14 +31,14 @@ class CheckpointMetadata(StrictConfig):
     Attributes:
         schema_version: Layout of the checkpoint folder.
         policy: What the policy is made of.
-        features: Numbers of the assembly task it was trained for.
+        tasks: Assembly tasks it was trained for, with the numbers that its features need.
         acting_weights: Which weights act: those of the last step, or their moving average.
         step: Training steps taken.
     """
 
     schema_version: int = SCHEMA_VERSION
     policy: PolicyConfig
-    features: FeatureSpec
+    tasks: dict[str, FeatureSpec]
     acting_weights: Literal["raw", "ema"]
     step: int
 
@@ -57,12 +57,16 @@ class Checkpoint:
     weights: Mapping[str, Tensor]
     ema: Mapping[str, Tensor] | None
 
-    def policy(self, threads: int = 1) -> TrainedPolicy:
-        """The policy, ready to act."""
+    def policy(self, task: str, threads: int = 1) -> TrainedPolicy:
+        """The policy, ready to act on a task.
+
+        Raises:
+            InvalidCheckpoint: If it was not trained for the task.
+        """
         weights = self.ema if self.metadata.acting_weights == "ema" else self.weights
-        network = build_policy(self.metadata.policy, self.metadata.features, seed=0)
+        network = build_policy(self.metadata.policy, self.metadata.tasks, seed=0)
         _fill(network, weights or {}, "the checkpoint")
-        return TrainedPolicy(network, threads)
+        return TrainedPolicy(network, task, threads)
 
 
 def save_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
@@ -90,15 +94,15 @@ def load_checkpoint(folder: Path) -> Checkpoint:
     )
 
 
-def load_policy(folder: Path, threads: int = 1) -> TrainedPolicy | ReplayPolicy:
-    """The policy of a checkpoint folder, ready to act.
+def load_policy(folder: Path, task: str, threads: int = 1) -> TrainedPolicy | ReplayPolicy:
+    """The policy of a checkpoint folder, ready to act on a task.
 
     Raises:
-        InvalidCheckpoint: See :func:`load_checkpoint`.
+        InvalidCheckpoint: See :func:`load_checkpoint`; or if the policy was not trained for the task.
     """
     if (replay := folder / REPLAY_FILE).exists():
         return load_replay(replay)
-    return load_checkpoint(folder).policy(threads)
+    return load_checkpoint(folder).policy(task, threads)
 
 
 def _read_metadata(path: Path) -> CheckpointMetadata:

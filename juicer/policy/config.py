@@ -138,6 +138,9 @@ class PolicyConfig(StrictConfig):
         "has its own: relative to the gripper the first steps move little, and a shared scale hides their detail",
     )
     observation: StateObservationConfig = StateObservationConfig()
+    task_embedding: int = Field(
+        default=128, gt=0, description="length of the learned vector that tells a policy for several tasks which it is"
+    )
     head: Annotated[DiffusionConfig | MLPConfig, Field(discriminator="kind")] = DiffusionConfig()
 
     @model_validator(mode="after")

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from juicer.episode import PROPRIOCEPTION_SIZE
 from juicer.policy.config import FeatureSpec, PairSpec, StateObservationConfig
 from juicer.policy.rotations import matrix_to_rot6d, quat_to_matrix, rot6d_to_matrix, rotate_back
 
@@ -32,11 +31,6 @@ class _Pose(NamedTuple):
 
     def numbers(self) -> list[Tensor]:
         return [self.position, matrix_to_rot6d(self.matrix)]
-
-
-def observation_sizes(spec: FeatureSpec) -> dict[str, int]:
-    """Length of each observation array that the features are made of."""
-    return {"proprioception": PROPRIOCEPTION_SIZE, "part_poses": 7 * spec.num_parts}
 
 
 def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config: StateObservationConfig) -> Tensor:

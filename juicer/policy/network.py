@@ -9,12 +9,13 @@ from torch import Tensor, nn
 
 from juicer.episode import ACTION_SIZE
 from juicer.policy.actions import action_frame
-from juicer.policy.config import DiffusionConfig, FeatureSpec, PolicyConfig
+from juicer.policy.config import DiffusionConfig, PolicyConfig
 from juicer.policy.diffusion import DiffusionHead
 from juicer.policy.encoder import Prepared, StateEncoder
 from juicer.policy.head import ActionHead
 from juicer.policy.mlp import MLPHead
 from juicer.policy.normalizer import Normalizer
+from juicer.policy.tasks import Tasks
 
 
 class PolicyNetwork(nn.Module):
@@ -24,12 +25,12 @@ class PolicyNetwork(nn.Module):
     ``chunk`` means in the policy's own frame and normalised.
     """
 
-    def __init__(self, config: PolicyConfig, spec: FeatureSpec) -> None:
+    def __init__(self, config: PolicyConfig, tasks: Tasks) -> None:
         super().__init__()
         self.config = config
-        self.spec = spec
+        self.tasks = tasks
         self.frame = action_frame(config.action_frame)
-        self.encoder = StateEncoder(spec, config.observation, config.horizons.obs)
+        self.encoder = StateEncoder(tasks, config.observation, config.horizons.obs, config.task_embedding)
         per_step = config.action_limits == "per_step"
         self.action_normalizer = Normalizer((config.horizons.pred, ACTION_SIZE) if per_step else (ACTION_SIZE,))
         self.head = _build_head(config, self.encoder.condition_size)
@@ -60,11 +61,11 @@ class PolicyNetwork(nn.Module):
         return self.act(self.encoder.prepare(observations), observations["proprioception"][:, -1], noise)
 
 
-def build_policy(config: PolicyConfig, spec: FeatureSpec, seed: int) -> PolicyNetwork:
+def build_policy(config: PolicyConfig, tasks: Tasks, seed: int) -> PolicyNetwork:
     """Network whose initial weights depend only on the seed; torch's global random state is left as it was."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return PolicyNetwork(config, spec)
+        return PolicyNetwork(config, tasks)
 
 
 def _build_head(config: PolicyConfig, condition_size: int) -> ActionHead:

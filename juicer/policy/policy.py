@@ -10,9 +10,10 @@ import torch
 from numpy.typing import NDArray
 
 from juicer.episode import ACTION_SIZE
-from juicer.errors import InvalidObservation
+from juicer.errors import InvalidCheckpoint, InvalidObservation
 from juicer.policy.compute import compute_settings
 from juicer.policy.network import PolicyNetwork
+from juicer.policy.tasks import as_shown, observation_sizes
 
 ACTION_LIMIT = 1.0
 """Largest entry of an action that a robot takes; a regression overshoots its training range now and then."""
@@ -28,8 +29,16 @@ size, so that what a row yields never depends on how many others are asked for b
 class TrainedPolicy:
     """Acts on batches of observations with fixed weights."""
 
-    def __init__(self, network: PolicyNetwork, threads: int = 1) -> None:
+    def __init__(self, network: PolicyNetwork, task: str, threads: int = 1) -> None:
+        """Let a network act on one of its tasks.
+
+        Raises:
+            InvalidCheckpoint: If it was not trained for the task.
+        """
+        if task not in network.tasks:
+            raise InvalidCheckpoint(f"the policy was trained for {', '.join(network.tasks)}, not for '{task}'")
         self._network = network.eval().requires_grad_(False)
+        self._task = task
         self._threads = threads
 
     @property
@@ -74,8 +83,9 @@ class TrainedPolicy:
         return actions.clip(-ACTION_LIMIT, ACTION_LIMIT)
 
     def _checked(self, observations: Mapping[str, NDArray[Any]], num_rows: int) -> dict[str, NDArray[np.float32]]:
+        tasks = self._network.tasks
         rows = {}
-        for name, size in self._network.encoder.sizes.items():
+        for name, size in observation_sizes({self._task: tasks[self._task]}).items():
             if name not in observations:
                 raise InvalidObservation(f"the policy needs '{name}', got only {sorted(observations)}")
             values = np.asarray(observations[name], dtype=np.float32)
@@ -89,7 +99,7 @@ class TrainedPolicy:
             if not np.isfinite(values).all():
                 raise InvalidObservation(f"'{name}' holds NaN or infinite values")
             rows[name] = values
-        return rows
+        return as_shown(rows, tasks, self._task)
 
 
 def _fill_up(rows: NDArray[np.float32]) -> NDArray[np.float32]:

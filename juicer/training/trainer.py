@@ -14,8 +14,9 @@ from torch import Tensor
 from juicer.errors import ConfigError, TrainingFailed
 from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetadata
 from juicer.policy.compute import compute_settings
-from juicer.policy.config import FeatureSpec, PolicyConfig
+from juicer.policy.config import PolicyConfig
 from juicer.policy.network import PolicyNetwork, build_policy
+from juicer.policy.tasks import Tasks
 from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progress
 from juicer.seeding import stream
 from juicer.training.config import OriginalStateNoise, TrainingConfig
@@ -50,7 +51,7 @@ class TrainingTables:
 def train(
     sources: Sequence[TrainingEpisodes],
     policy: PolicyConfig,
-    features: FeatureSpec,
+    tasks: Tasks,
     config: TrainingConfig,
     *,
     seed: int,
@@ -64,7 +65,7 @@ def train(
     Args:
         sources: Episodes to imitate; windows of all sources are equally likely.
         policy: What the policy is made of.
-        features: Numbers of the assembly task.
+        tasks: Assembly tasks that the episodes show.
         config: How to train.
         seed: Decides initial weights, split, order and noise.
         scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
@@ -86,16 +87,16 @@ def train(
     torch_device = torch.device(device)
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
-        network = build_policy(policy, features, torch_seed(seed, "weights")).to(torch_device)
+        network = build_policy(policy, tasks, torch_seed(seed, "weights")).to(torch_device)
         tables = build_tables(episodes, network, config, seed, torch_device)
         learner = Learner(network, config, seed, torch_device)
         loop = _Loop(learner, tables, config, seed, metrics or NullMetricSink())
-        identity = training_identity(episodes, _settings(policy, features, config, seed))
+        identity = training_identity(episodes, _settings(policy, tasks, config, seed))
         facts = loop.run(identity, scratch, progress)
     metadata = CheckpointMetadata(
         schema_version=SCHEMA_VERSION,
         policy=policy,
-        features=features,
+        tasks=dict(tasks),
         acting_weights="raw" if learner.ema is None else "ema",
         step=config.steps,
     )
@@ -191,8 +192,8 @@ class _Loop:
         self._facts |= metrics
 
 
-def _settings(policy: PolicyConfig, features: FeatureSpec, config: TrainingConfig, seed: int) -> dict[str, object]:
-    sections = {"policy": policy, "features": features, "training": config}
+def _settings(policy: PolicyConfig, tasks: Tasks, config: TrainingConfig, seed: int) -> dict[str, object]:
+    sections = {"policy": policy, "training": config, **{f"task {name}": spec for name, spec in tasks.items()}}
     return {"seed": seed, **{name: section.model_dump(mode="json") for name, section in sections.items()}}
 
 

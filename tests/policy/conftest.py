@@ -17,6 +17,12 @@ def spec() -> FeatureSpec:
 
 
 @pytest.fixture
+def tasks(spec) -> dict[str, FeatureSpec]:
+    """What a policy for the toy task alone knows of it."""
+    return {"toy": spec}
+
+
+@pytest.fixture
 def observe() -> Callable[..., Observations]:
     """Makes random but valid observations: unit rotations, positions within the workspace."""
 

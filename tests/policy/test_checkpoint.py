@@ -16,10 +16,10 @@ CONFIG = PolicyConfig(head=DiffusionConfig(denoiser=MLPDenoiserConfig(width=16, 
 def checkpoint(spec, observe):
     states = []
     for seed in (1, 2):
-        network = build_policy(CONFIG, spec, seed)
+        network = build_policy(CONFIG, {"toy": spec}, seed)
         network.encoder.fit({name: torch.from_numpy(values) for name, values in observe(50).items()})
         states.append(network.state_dict())
-    metadata = CheckpointMetadata(policy=CONFIG, features=spec, acting_weights="ema", step=10)
+    metadata = CheckpointMetadata(policy=CONFIG, tasks={"toy": spec}, acting_weights="ema", step=10)
     return Checkpoint(metadata, weights=states[0], ema=states[1])
 
 
@@ -29,13 +29,14 @@ def act(policy, observations):
 
 def test_a_policy_acts_the_same_after_saving_and_loading(checkpoint, observe, tmp_path):
     save_checkpoint(tmp_path, checkpoint)
-    np.testing.assert_array_equal(act(load_policy(tmp_path), observe(3)), act(checkpoint.policy(), observe(3)))
+    loaded = load_policy(tmp_path, "toy")
+    np.testing.assert_array_equal(act(loaded, observe(3)), act(checkpoint.policy("toy"), observe(3)))
 
 
 def test_the_moving_average_acts_if_the_checkpoint_says_so(checkpoint, observe, spec, tmp_path):
     metadata = checkpoint.metadata.model_copy(update={"acting_weights": "raw"})
     raw = Checkpoint(metadata, checkpoint.weights, checkpoint.ema)
-    assert not np.array_equal(act(raw.policy(), observe(3)), act(checkpoint.policy(), observe(3)))
+    assert not np.array_equal(act(raw.policy("toy"), observe(3)), act(checkpoint.policy("toy"), observe(3)))
 
 
 def test_a_checkpoint_is_safetensors_and_json_and_nothing_else(checkpoint, tmp_path):
@@ -56,7 +57,7 @@ def damage_schema(folder):
     [
         (lambda folder: (folder / "policy.json").unlink(), "is no checkpoint"),
         (lambda folder: (folder / "policy.json").write_text("{"), "cannot be read"),
-        (lambda folder: (folder / "policy.json").write_text('{"schema_version": 1}'), "is not valid: policy"),
+        (lambda folder: (folder / "policy.json").write_text('{"schema_version": 2}'), "is not valid: policy"),
         (damage_schema, "schema version 99"),
         (lambda folder: (folder / "ema.safetensors").unlink(), "cannot be read"),
         (lambda folder: (folder / "ema.safetensors").write_bytes(b"1234"), "cannot be read"),
@@ -66,10 +67,10 @@ def test_a_damaged_checkpoint_is_refused_with_a_sentence(checkpoint, tmp_path, d
     save_checkpoint(tmp_path, checkpoint)
     damage(tmp_path)
     with pytest.raises(InvalidCheckpoint, match=message):
-        load_policy(tmp_path)
+        load_policy(tmp_path, "toy")
 
 
 def test_weights_that_do_not_fit_their_configuration_are_refused(checkpoint, tmp_path):
     save_checkpoint(tmp_path, Checkpoint(checkpoint.metadata, checkpoint.weights, {"stem": torch.zeros(1)}))
     with pytest.raises(InvalidCheckpoint, match="does not fit"):
-        load_policy(tmp_path)
+        load_policy(tmp_path, "toy")

@@ -10,7 +10,7 @@ def tensors(observations):
 
 
 def test_the_condition_lists_the_features_of_all_observed_steps(spec, observe):
-    encoder = StateEncoder(spec, StateObservationConfig(), obs_horizon=2)
+    encoder = StateEncoder({"toy": spec}, StateObservationConfig(), 2, 8)
     encoder.fit(tensors(observe(100)))
     history = {name: values.reshape(5, 2, -1) for name, values in tensors(observe(10)).items()}
     prepared = encoder.prepare(history)
@@ -19,7 +19,7 @@ def test_the_condition_lists_the_features_of_all_observed_steps(spec, observe):
 
 
 def test_preparing_a_dataset_at_once_equals_preparing_it_row_by_row(spec, observe):
-    encoder, observations = StateEncoder(spec, StateObservationConfig(), 1), tensors(observe(40))
+    encoder, observations = StateEncoder({"toy": spec}, StateObservationConfig(), 1, 8), tensors(observe(40))
     encoder.fit(observations)
     whole = encoder.prepare(observations)["state"]
     rows = [
@@ -29,7 +29,7 @@ def test_preparing_a_dataset_at_once_equals_preparing_it_row_by_row(spec, observ
 
 
 def test_a_state_unlike_any_demonstrated_stays_bounded(spec, observe):
-    encoder, observations = StateEncoder(spec, StateObservationConfig(clip=2.0), 1), tensors(observe(40))
+    encoder, observations = StateEncoder({"toy": spec}, StateObservationConfig(clip=2.0), 1, 8), tensors(observe(40))
     encoder.fit(observations)
     assert encoder.prepare(observations)["state"].abs().max() <= 1 + 1e-5
     far = {**observations, "proprioception": 100 * observations["proprioception"]}
@@ -37,9 +37,9 @@ def test_a_state_unlike_any_demonstrated_stays_bounded(spec, observe):
 
 
 def test_only_pairs_count_among_many_parts(spec, observe):
-    encoder, observations = StateEncoder(spec, StateObservationConfig(), 1), tensors(observe(10))
+    encoder, observations = StateEncoder({"toy": spec}, StateObservationConfig(), 1, 8), tensors(observe(10))
     assert encoder.sizes == {"proprioception": 16, "part_poses": 14}
     more = spec.model_copy(update={"num_parts": 3})
     with_bystander = {**observations, "part_poses": torch.cat([observations["part_poses"], torch.ones(10, 7)], dim=1)}
-    other = StateEncoder(more, StateObservationConfig(), 1)
+    other = StateEncoder({"toy": more}, StateObservationConfig(), 1, 8)
     assert torch.equal(other.prepare(with_bystander)["state"], encoder.prepare(observations)["state"])

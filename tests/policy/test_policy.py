@@ -22,9 +22,9 @@ HEADS = {
 
 
 def policy_of(spec, observe, head, **settings):
-    network = build_policy(PolicyConfig(head=head, action_frame="relative", **settings), spec, seed=1)
+    network = build_policy(PolicyConfig(head=head, action_frame="relative", **settings), {"toy": spec}, seed=1)
     network.encoder.fit({name: torch.from_numpy(values) for name, values in observe(500, seed=7).items()})
-    return TrainedPolicy(network)
+    return TrainedPolicy(network, "toy")
 
 
 def streams(indices):
@@ -112,9 +112,9 @@ def test_wrong_observations_are_refused_by_name(spec, observe, change, message):
 def test_initial_weights_depend_on_the_seed_alone(spec):
     config = PolicyConfig(head=DiffusionConfig(denoiser=MLPDenoiserConfig(width=16, blocks=1)))
     torch.manual_seed(3)
-    first = build_policy(config, spec, seed=1)
+    first = build_policy(config, {"toy": spec}, seed=1)
     drawn = torch.rand(1)
     torch.manual_seed(3)
     assert torch.equal(drawn, torch.rand(1)), "building a policy moved the caller's random state"
-    second = build_policy(config, spec, seed=1)
+    second = build_policy(config, {"toy": spec}, seed=1)
     assert all(torch.equal(a, b) for a, b in zip(first.parameters(), second.parameters(), strict=True))

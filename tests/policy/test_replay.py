@@ -43,7 +43,7 @@ def test_parts_that_do_not_matter_decide_nothing(policy):
 def test_checkpoint_plays_the_same(policy, tmp_path):
     policy.save(tmp_path)
     row = poses(0.1, QUARTER_TURN)
-    np.testing.assert_array_equal(play(load_policy(tmp_path), row), play(policy, row))
+    np.testing.assert_array_equal(play(load_policy(tmp_path, "toy"), row), play(policy, row))
 
 
 def test_damaged_checkpoint_is_told_in_a_sentence(policy, tmp_path):
@@ -51,4 +51,4 @@ def test_damaged_checkpoint_is_told_in_a_sentence(policy, tmp_path):
     whole = (tmp_path / REPLAY_FILE).read_bytes()
     (tmp_path / REPLAY_FILE).write_bytes(whole[:-40])
     with pytest.raises(InvalidCheckpoint, match="cannot be read"):
-        load_policy(tmp_path)
+        load_policy(tmp_path, "toy")

@@ -242,7 +242,7 @@ def test_report_tells_of_every_condition_and_finding(loop):
 
 def test_replayed_demonstrations_succeed_from_the_state_they_began_in(loop):
     checkpoint = memorise(loop.session, episodes=loop.demonstrations, config=MemoriseConfig())
-    policy = load_policy(loop.store.open(checkpoint))
+    policy = load_policy(loop.store.open(checkpoint), "one_leg")
     (demonstration, *_) = EpisodeReader(loop.store.open(loop.demonstrations)).records
     (episode,) = rollout(policy, "one_leg", "low", [demonstration.seed], num_envs=1)
     recorded = EpisodeReader(loop.store.open(loop.demonstrations)).read(0)

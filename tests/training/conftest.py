@@ -18,6 +18,12 @@ def spec() -> FeatureSpec:
 
 
 @pytest.fixture
+def tasks(spec) -> dict[str, FeatureSpec]:
+    """What a policy for the toy task alone knows of it."""
+    return {"toy": spec}
+
+
+@pytest.fixture
 def policy_config() -> PolicyConfig:
     """A diffusion policy of a few thousand weights."""
     head = DiffusionConfig(

@@ -16,7 +16,7 @@ CPU = torch.device("cpu")
 def make_table(episodes, spec, policy_config):
     def make(frame="relative", learn_padding=True, back_padding=7, lengths=(30, 25, 40), noise=None):
         config = policy_config.model_copy(update={"action_frame": frame})
-        network, data = build_policy(config, spec, seed=0), episodes(lengths)
+        network, data = build_policy(config, {"toy": spec}, seed=0), episodes(lengths)
         windows = cut_windows(data.episode_ends, np.arange(len(lengths)), config.horizons, back_padding)
         table = WindowTable(data, windows, network, learn_padding, CPU)
         torch.manual_seed(0)
@@ -64,7 +64,7 @@ def test_physical_noise_moves_the_gripper_and_keeps_the_absolute_target(make_tab
     torch.manual_seed(1)
     batch = table.batch(rows, noise)
     recorded, proprioception = table.recorded(rows)
-    seen = network.encoder.normalizer.denormalize(batch.prepared["state"][:, 0])[:, :16]
+    seen = network.encoder.normalizers[0].denormalize(batch.prepared["state"][:, 0])[:, :16]
     inside = batch.prepared["state"][:, 0, :9].abs().amax(-1) < 1.5
     assert inside.float().mean() > 0.9
     decoded = network.decode_actions(batch.chunk, seen)

@@ -1,3 +1,4 @@
+import dataclasses
 import math
 import os
 import signal
@@ -12,6 +13,7 @@ import torch
 from juicer.errors import ConfigError, TrainingFailed
 from juicer.policy.checkpoint import load_policy, save_checkpoint
 from juicer.policy.config import DiffusionConfig, HorizonConfig, MLPConfig, PolicyConfig, UNetConfig
+from juicer.policy.tasks import as_shown
 from juicer.training.config import OriginalStateNoise, PhysicalStateNoise
 from juicer.training.learner import learning_rate
 from juicer.training.state import STATE_FILE
@@ -51,11 +53,11 @@ def assert_equal_checkpoints(first, second):
 
 
 @pytest.mark.parametrize("noise", [None, PhysicalStateNoise()])
-def test_a_killed_training_resumes_bit_for_bit(episodes, spec, policy_config, training_config, tmp_path, noise):
+def test_a_killed_training_resumes_bit_for_bit(episodes, tasks, policy_config, training_config, tmp_path, noise):
     config = training_config.model_copy(update={"state_noise": noise, "report_every": 1})
     straight_curves, curves = Curves(), Curves()
-    straight = train([episodes()], policy_config, spec, config, seed=3, metrics=straight_curves)
-    arguments = ([episodes()], policy_config, spec, config)
+    straight = train([episodes()], policy_config, tasks, config, seed=3, metrics=straight_curves)
+    arguments = ([episodes()], policy_config, tasks, config)
     with pytest.raises(KilledError):
         train(*arguments, seed=3, scratch=tmp_path, metrics=curves, progress=kill_at(23))
     assert (tmp_path / STATE_FILE).exists()
@@ -67,9 +69,9 @@ def test_a_killed_training_resumes_bit_for_bit(episodes, spec, policy_config, tr
 
 
 def test_a_resumed_training_continues_and_does_not_start_again(
-    episodes, spec, policy_config, training_config, tmp_path
+    episodes, tasks, policy_config, training_config, tmp_path
 ):
-    arguments, reports = ([episodes()], policy_config, spec, training_config), []
+    arguments, reports = ([episodes()], policy_config, tasks, training_config), []
     with pytest.raises(KilledError):
         train(*arguments, seed=3, scratch=tmp_path, progress=kill_at(20))
     train(*arguments, seed=3, scratch=tmp_path, progress=lambda done, total, **facts: reports.append((done, facts)))
@@ -77,11 +79,11 @@ def test_a_resumed_training_continues_and_does_not_start_again(
     assert {"loss", "seconds_left"} <= set(reports[0][1])
 
 
-def test_a_training_killed_by_the_system_resumes_bit_for_bit(episodes, spec, policy_config, training_config, tmp_path):
+def test_a_training_killed_by_the_system_resumes_bit_for_bit(episodes, tasks, policy_config, training_config, tmp_path):
     data = episodes()
     np.savez(tmp_path / "data.npz", ends=data.episode_ends, action=data.actions, **data.observations)
     (tmp_path / "policy.json").write_text(policy_config.model_dump_json())
-    (tmp_path / "spec.json").write_text(spec.model_dump_json())
+    (tmp_path / "spec.json").write_text(tasks["toy"].model_dump_json())
     (tmp_path / "training.json").write_text(training_config.model_dump_json())
     script = textwrap.dedent(
         f"""
@@ -104,7 +106,7 @@ def test_a_training_killed_by_the_system_resumes_bit_for_bit(episodes, spec, pol
         train(
             [data],
             PolicyConfig.model_validate_json((folder / "policy.json").read_text()),
-            FeatureSpec.model_validate_json((folder / "spec.json").read_text()),
+            dict(toy=FeatureSpec.model_validate_json((folder / "spec.json").read_text())),
             TrainingConfig.model_validate_json((folder / "training.json").read_text()),
             seed=3,
             scratch=folder / "scratch",
@@ -115,46 +117,46 @@ def test_a_training_killed_by_the_system_resumes_bit_for_bit(episodes, spec, pol
     killed = subprocess.run([sys.executable, "-c", script], env={**os.environ, "OMP_NUM_THREADS": "1"}, check=False)
     assert killed.returncode == -signal.SIGKILL
     assert (tmp_path / "scratch" / STATE_FILE).exists()
-    arguments = ([data], policy_config, spec, training_config)
+    arguments = ([data], policy_config, tasks, training_config)
     resumed = train(*arguments, seed=3, scratch=tmp_path / "scratch")
     assert_equal_checkpoints(resumed.checkpoint, train(*arguments, seed=3).checkpoint)
 
 
-def test_a_state_of_other_settings_is_not_continued(episodes, spec, policy_config, training_config, tmp_path, caplog):
+def test_a_state_of_other_settings_is_not_continued(episodes, tasks, policy_config, training_config, tmp_path, caplog):
     with pytest.raises(KilledError):
-        train([episodes()], policy_config, spec, training_config, seed=3, scratch=tmp_path, progress=kill_at(20))
-    other = train([episodes()], policy_config, spec, training_config, seed=4, scratch=tmp_path)
+        train([episodes()], policy_config, tasks, training_config, seed=3, scratch=tmp_path, progress=kill_at(20))
+    other = train([episodes()], policy_config, tasks, training_config, seed=4, scratch=tmp_path)
     assert "of other data or settings" in caplog.text
     assert_equal_checkpoints(
-        other.checkpoint, train([episodes()], policy_config, spec, training_config, seed=4).checkpoint
+        other.checkpoint, train([episodes()], policy_config, tasks, training_config, seed=4).checkpoint
     )
 
 
-def test_a_damaged_state_is_passed_over(episodes, spec, policy_config, training_config, tmp_path, caplog):
+def test_a_damaged_state_is_passed_over(episodes, tasks, policy_config, training_config, tmp_path, caplog):
     (tmp_path / STATE_FILE).write_bytes(b"half a state")
-    train([episodes()], policy_config, spec, training_config, seed=3, scratch=tmp_path)
+    train([episodes()], policy_config, tasks, training_config, seed=3, scratch=tmp_path)
     assert "cannot be read" in caplog.text
 
 
-def test_the_seed_decides_and_the_caller_does_not(episodes, spec, policy_config, training_config):
+def test_the_seed_decides_and_the_caller_does_not(episodes, tasks, policy_config, training_config):
     torch.manual_seed(1)
-    first = train([episodes()], policy_config, spec, training_config, seed=3)
+    first = train([episodes()], policy_config, tasks, training_config, seed=3)
     torch.manual_seed(2)
-    again = train([episodes()], policy_config, spec, training_config, seed=3)
+    again = train([episodes()], policy_config, tasks, training_config, seed=3)
     drawn = torch.rand(1)
     torch.manual_seed(2)
     assert torch.equal(drawn, torch.rand(1)), "training moved the caller's random state"
     assert_equal_checkpoints(first.checkpoint, again.checkpoint)
-    other = train([episodes()], policy_config, spec, training_config, seed=4)
+    other = train([episodes()], policy_config, tasks, training_config, seed=4)
     assert not torch.equal(
         first.checkpoint.weights["head.denoiser.stem.weight"], other.checkpoint.weights["head.denoiser.stem.weight"]
     )
 
 
-def test_training_lowers_the_error_on_held_out_episodes(episodes, spec, policy_config, training_config):
+def test_training_lowers_the_error_on_held_out_episodes(episodes, tasks, policy_config, training_config):
     config = training_config.model_copy(update={"steps": 400, "batch_size": 64, "learning_rate": 3e-3})
     curves = Curves()
-    train([episodes([40] * 20)], policy_config, spec, config, seed=0, metrics=curves)
+    train([episodes([40] * 20)], policy_config, tasks, config, seed=0, metrics=curves)
     error_mm = [curves.points[("validation/position_error_mm", step)] for step in (20, 400)]
     assert error_mm[1] < 0.6 * error_mm[0]
     assert error_mm[1] < 20
@@ -163,30 +165,30 @@ def test_training_lowers_the_error_on_held_out_episodes(episodes, spec, policy_c
 
 @pytest.mark.parametrize("head", HEADS.values(), ids=HEADS.keys())
 @pytest.mark.parametrize("precision", ["fp32", "bf16"])
-def test_every_head_trains_and_acts(episodes, spec, training_config, tmp_path, head, precision):
+def test_every_head_trains_and_acts(episodes, tasks, training_config, tmp_path, head, precision):
     policy = PolicyConfig(head=head, horizons=HorizonConfig(pred=8, action=4))
     config = training_config.model_copy(update={"steps": 10, "warmup_steps": 2, "precision": precision})
-    trained = train([episodes()], policy, spec, config, seed=0)
+    trained = train([episodes()], policy, tasks, config, seed=0)
     save_checkpoint(tmp_path, trained.checkpoint)
     rows = {name: values[:3] for name, values in episodes().observations.items()}
-    actions = load_policy(tmp_path).predict(rows, [np.random.default_rng(0)] * 3)
+    actions = load_policy(tmp_path, "toy").predict(rows, [np.random.default_rng(0)] * 3)
     assert np.isfinite(actions).all()
     assert math.isfinite(trained.facts["train/loss"])
 
 
-def test_without_a_moving_average_the_last_weights_act(episodes, spec, policy_config, training_config):
+def test_without_a_moving_average_the_last_weights_act(episodes, tasks, policy_config, training_config):
     config = training_config.model_copy(update={"ema_decay": None, "validation_fraction": 0.0})
-    trained = train([episodes()], policy_config, spec, config, seed=0)
+    trained = train([episodes()], policy_config, tasks, config, seed=0)
     assert trained.checkpoint.ema is None
     assert trained.checkpoint.metadata.acting_weights == "raw"
     assert "validation/loss" not in trained.facts
 
 
-def test_short_snippets_count_beside_demonstrations(episodes, spec, policy_config, training_config):
+def test_short_snippets_count_beside_demonstrations(episodes, tasks, policy_config, training_config):
     snippets = episodes((5, 6), seed=1, family="snippet")
     config = training_config.model_copy(update={"validation_fraction": 0.0})
-    alone = train([episodes()], policy_config, spec, config, seed=0)
-    mixed = train([episodes(), snippets], policy_config, spec, config, seed=0)
+    alone = train([episodes()], policy_config, tasks, config, seed=0)
+    mixed = train([episodes(), snippets], policy_config, tasks, config, seed=0)
     assert mixed.facts["num_windows"] == alone.facts["num_windows"] + 5 + 6
 
 
@@ -198,13 +200,26 @@ def test_the_learning_rate_rises_linearly_and_falls_to_zero_like_a_cosine(traini
     assert learning_rate(104, config) < 1e-3
 
 
-def test_the_original_noise_is_refused_with_relative_actions(episodes, spec, policy_config, training_config):
+def test_the_original_noise_is_refused_with_relative_actions(episodes, tasks, policy_config, training_config):
     config = training_config.model_copy(update={"state_noise": OriginalStateNoise()})
     with pytest.raises(ConfigError, match="use state_noise 'physical'"):
-        train([episodes()], policy_config, spec, config, seed=0)
+        train([episodes()], policy_config, tasks, config, seed=0)
 
 
-def test_a_loss_that_is_no_number_ends_the_training(episodes, spec, policy_config, training_config):
+def test_a_loss_that_is_no_number_ends_the_training(episodes, tasks, policy_config, training_config):
     config = training_config.model_copy(update={"learning_rate": 1e30, "warmup_steps": 0})
     with pytest.raises(TrainingFailed, match=r"lower training\.learning_rate"):
-        train([episodes()], policy_config, spec, config, seed=0)
+        train([episodes()], policy_config, tasks, config, seed=0)
+
+
+def test_one_policy_learns_several_tasks(episodes, tasks, policy_config, training_config):
+    both = {"toy": tasks["toy"], "other": tasks["toy"]}
+
+    def shown(task, seed):
+        data = episodes(seed=seed, family=task)
+        return dataclasses.replace(data, observations=as_shown(data.observations, both, task))
+
+    trained = train([shown("toy", 0), shown("other", 1)], policy_config, both, training_config, seed=3)
+    assert list(trained.checkpoint.metadata.tasks) == ["toy", "other"]
+    assert trained.facts["num_windows"] > 100
+    assert trained.checkpoint.weights["encoder.embedding.weight"].shape == (2, policy_config.task_embedding)

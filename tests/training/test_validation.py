@@ -31,7 +31,7 @@ class Displaced(torch.nn.Module):
 @pytest.fixture
 def setting(episodes, spec):
     config = PolicyConfig(head=MLPConfig(width=8, blocks=1), horizons=HorizonConfig(pred=8, action=4))
-    network, data = build_policy(config, spec, seed=0), episodes()
+    network, data = build_policy(config, {"toy": spec}, seed=0), episodes()
     windows = cut_windows(data.episode_ends, np.arange(5), config.horizons, back_padding=7)
     table = WindowTable(data, windows, network, learn_padding=True, device=torch.device("cpu"))
     table.fit()

@@ -1,0 +1,76 @@
+"""A policy for several tasks: each row is read as its own task's, and an embedding tells them apart."""
+
+import numpy as np
+import pytest
+import torch
+
+from juicer.errors import InvalidCheckpoint
+from juicer.policy.config import MLPConfig, PolicyConfig, StateObservationConfig
+from juicer.policy.encoder import StateEncoder
+from juicer.policy.network import build_policy
+from juicer.policy.policy import TrainedPolicy
+from juicer.policy.tasks import as_shown
+
+
+@pytest.fixture
+def two_tasks(spec):
+    """The toy task, and one with a third part that belongs onto the second."""
+    other = spec.pairs[0].model_copy(update={"first": 1, "second": 2})
+    return {"toy": spec, "tower": spec.model_copy(update={"num_parts": 3, "pairs": (*spec.pairs, other)})}
+
+
+@pytest.fixture
+def tower(observe):
+    """Makes observations with three parts."""
+
+    def make(num_rows, seed=0):
+        two, more = observe(num_rows, seed), observe(num_rows, seed + 1)
+        return {**two, "part_poses": np.concatenate([two["part_poses"], more["part_poses"][:, :7]], axis=1)}
+
+    return make
+
+
+def tensors(observations):
+    return {name: torch.from_numpy(values) for name, values in observations.items()}
+
+
+def test_one_task_is_shown_nothing_more(spec, observe):
+    assert as_shown(observe(3), {"toy": spec}, "toy").keys() == {"proprioception", "part_poses"}
+
+
+def test_several_tasks_are_shown_rows_of_one_length_and_their_number(two_tasks, observe):
+    shown = as_shown(observe(3), two_tasks, "toy")
+    assert shown["part_poses"].shape == (3, 21)
+    assert not shown["part_poses"][:, 14:].any()
+    assert as_shown(shown | {"part_poses": shown["part_poses"]}, two_tasks, "tower")["task"].tolist() == [[1.0]] * 3
+
+
+def test_rows_of_a_task_are_prepared_as_if_it_were_the_only_one(two_tasks, observe, tower):
+    toy, high = as_shown(observe(40), two_tasks, "toy"), as_shown(tower(30), two_tasks, "tower")
+    mixed = {name: torch.from_numpy(np.concatenate([toy[name], high[name]])) for name in toy}
+    encoder = StateEncoder(two_tasks, StateObservationConfig(), 1, 8)
+    encoder.fit(mixed)
+    state = encoder.prepare(mixed)["state"]
+    for name, own, rows in (("toy", observe(40), state[:40]), ("tower", tower(30), state[40:])):
+        alone = StateEncoder({name: two_tasks[name]}, StateObservationConfig(), 1, 8)
+        alone.fit(tensors(own))
+        wanted = alone.prepare(tensors(own))["state"]
+        torch.testing.assert_close(rows[:, : wanted.shape[1]], wanted)
+        assert not rows[:, wanted.shape[1] :].any()
+
+
+def test_the_embedding_is_all_that_tells_two_like_tasks_apart(spec, observe):
+    tasks = {"first": spec, "second": spec}
+    network = build_policy(PolicyConfig(head=MLPConfig(width=16, blocks=1, dropout=0.0)), tasks, seed=0)
+    assert network.encoder.embedding.weight.shape == (2, 128)
+    streams = [np.random.default_rng(0)] * 4
+    acts = {name: TrainedPolicy(network, name).predict(observe(4), streams) for name in tasks}
+    assert not np.array_equal(acts["first"], acts["second"])
+    network.encoder.embedding.weight[1] = network.encoder.embedding.weight[0]
+    np.testing.assert_array_equal(TrainedPolicy(network, "second").predict(observe(4), streams), acts["first"])
+
+
+def test_another_task_is_refused(two_tasks):
+    network = build_policy(PolicyConfig(head=MLPConfig(width=16, blocks=1)), two_tasks, seed=0)
+    with pytest.raises(InvalidCheckpoint, match="was trained for toy, tower, not for 'lamp'"):
+        TrainedPolicy(network, "lamp")
