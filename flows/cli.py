@@ -135,12 +135,13 @@ def evaluate(
         int, typer.Option("--seed-start", min=0, help="Position of the first initial state among those for evaluation.")
     ] = 0,
     randomness: Annotated[str, typer.Option("--randomness", help="Level of the initial states.")] = "low",
+    task: Annotated[str | None, typer.Option("--task", help="Task, if the checkpoint was trained for several.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure the success rate of a checkpoint."""
     from flows.commands.making import evaluate_checkpoint
 
-    evaluate_checkpoint(checkpoint, episodes, seed_start, randomness, as_json)
+    evaluate_checkpoint(checkpoint, task, episodes, seed_start, randomness, as_json)
 
 
 @app.command()

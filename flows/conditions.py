@@ -17,6 +17,7 @@ class Condition(StrEnum):
     TA_CI = "ta_ci"
     MLP_CHUNKED = "mlp_chunked"
     MLP_UNCHUNKED = "mlp_unchunked"
+    MULTITASK = "multitask"
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class Method:
         adds_noise: Whether observed states are perturbed in training.
         policy: Which entry of a configuration's ``policies`` it trains.
         replays: Whether it plays demonstrations instead of training on them.
+        mixes: Whether one model is trained on the data of several tasks.
     """
 
     title: str
@@ -38,6 +40,7 @@ class Method:
     adds_noise: bool = False
     policy: str = "diffusion"
     replays: bool = False
+    mixes: bool = False
 
 
 METHODS = {
@@ -49,4 +52,5 @@ METHODS = {
     Condition.TA_CI: Method("TA+CI", augments=True, collects=True),
     Condition.MLP_CHUNKED: Method("MLP-C", policy="mlp_chunked"),
     Condition.MLP_UNCHUNKED: Method("MLP-NC", policy="mlp_unchunked"),
+    Condition.MULTITASK: Method("Multi-task", augments=True, collects=True, mixes=True),
 }

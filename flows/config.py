@@ -24,7 +24,7 @@ from stages.record import RecordConfig
 from stages.select import SelectConfig
 from stages.train import TrainConfig
 
-BASE_KEY = "base"
+BASE_KEY, TASKS_KEY = "base", "tasks"
 _SCENE = {
     "task": (
         "record",
@@ -90,6 +90,7 @@ class LoopConfig(StrictConfig):
         collect: Rollouts of a turn.
         select: Which of them are kept.
         evaluate: The final measurement.
+        mix: By task, the loops whose data a model for several tasks is trained on.
     """
 
     name: str = Field(default="juicer", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
@@ -109,6 +110,7 @@ class LoopConfig(StrictConfig):
     collect: CollectConfig = CollectConfig()
     select: SelectConfig = SelectConfig()
     evaluate: EvaluateConfig = EvaluateConfig()
+    mix: dict[str, LoopConfig] = Field(default={})
 
     @model_validator(mode="before")
     @classmethod
@@ -169,7 +171,9 @@ class StudyConfig(LoopConfig):
     """Conditions times seeds, compared."""
 
     flow: Literal["study"] = "study"
-    conditions: tuple[Condition, ...] = Field(default=tuple(Condition), min_length=1)
+    conditions: tuple[Condition, ...] = Field(
+        default=tuple(condition for condition in Condition if not METHODS[condition].mixes), min_length=1
+    )
     seeds: tuple[Annotated[int, Field(ge=0)], ...] = Field(default=(0, 1, 2, 3, 4), min_length=1)
 
     def narrowed(self, condition: Condition | None, seed: int | None) -> StudyConfig:
@@ -185,6 +189,12 @@ class StudyConfig(LoopConfig):
         conditions = self.conditions if condition is None else (condition,)
         seeds = self.seeds if seed is None else (seed,)
         return self.model_copy(update={"conditions": conditions, "seeds": seeds})
+
+    @model_validator(mode="after")
+    def _has_what_to_mix(self) -> Self:
+        if Condition.MULTITASK in self.conditions and len(self.mix) < 2:
+            raise ValueError("condition multitask needs several tasks; list them under tasks")
+        return self
 
     @field_validator("conditions", "seeds")
     @classmethod
@@ -211,10 +221,11 @@ _FLOWS: Mapping[str, type[CollectInferConfig] | type[StudyConfig]] = {
 }
 
 
-def load_run(path: Path, overrides: Sequence[str] = ()) -> RunConfig:
-    """Read the configuration of a run.
+def load_runs(path: Path, overrides: Sequence[str] = ()) -> tuple[RunConfig, ...]:
+    """Read the configuration of a run, or of a run for each of several tasks.
 
     A file may name another as its ``base``, by a path relative to its own; what it says itself goes first.
+    ``tasks`` is a list of tasks, or a mapping from tasks to what differs for each.
 
     Raises:
         ConfigError: If a file is missing, or a key or value is not valid.
@@ -229,7 +240,28 @@ def load_run(path: Path, overrides: Sequence[str] = ()) -> RunConfig:
     flow = content.get("flow", "collect_infer")
     if flow not in _FLOWS:
         raise ConfigError(f"{path}: unknown flow '{flow}'{did_you_mean(str(flow), _FLOWS)}")
-    return parse_config(content, _FLOWS[flow], origin=str(path))
+    return tuple(parse_config(each, _FLOWS[flow], origin=str(path)) for each in _each_task(content, str(path)))
+
+
+def _each_task(content: dict[str, Any], origin: str) -> list[dict[str, Any]]:
+    """One configuration for each task; one with the condition ``multitask`` is told of all."""
+    tasks = content.pop(TASKS_KEY, None)
+    if tasks is None:
+        return [content]
+    own = dict.fromkeys(tasks) if isinstance(tasks, list) else tasks
+    if not isinstance(own, dict) or not own or "task" in content:
+        raise ConfigError(f"{origin}: 'tasks' must list tasks, or map them to what differs for each, without 'task'")
+    name = content.get("name", "juicer")
+    each = [
+        _merge(content, {"name": f"{name}_{task}", **(of_task or {}), "task": task}) for task, of_task in own.items()
+    ]
+    if Condition.MULTITASK in content.get("conditions", ()):
+        loops = {
+            entry["task"]: {key: value for key, value in entry.items() if key in LoopConfig.model_fields}
+            for entry in each
+        }
+        each = [{**entry, "mix": loops} for entry in each]
+    return each
 
 
 def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from flows.conditions import METHODS, Condition
@@ -31,7 +31,7 @@ class ModelOutcome:
         seed: Its seed.
         checkpoint: The last one trained.
         evaluation: How it did; none if the loop ended before.
-        finding: Why there is no evaluation, as a sentence.
+        finding: Why there is no evaluation, or why it learned from less than it should, as a sentence.
     """
 
     condition: Condition
@@ -41,31 +41,65 @@ class ModelOutcome:
     finding: str = ""
 
 
+@dataclass(frozen=True)
+class _Data:
+    """What a model is trained on in the end.
+
+    Attributes:
+        session: Session of the last turn of collect, select, train.
+        episodes: Demonstrations and corrective episodes.
+        selections: Successes of the model's predecessors.
+        finding: Why there are no more of these.
+    """
+
+    session: Session
+    episodes: tuple[ArtifactRef, ...]
+    selections: tuple[ArtifactRef, ...] = ()
+    finding: str = ""
+
+
 def run_model(session: Session, config: LoopConfig, condition: Condition, seed: int) -> ModelOutcome:
     """Train and evaluate the model of a condition and seed; whatever is in the store is reused."""
-    method = METHODS[condition]
-    demonstrations = get_demonstrations(session, config)
-    episodes = _training_episodes(session, config, demonstrations, config.augment if method.augments else None)
-    training = config.training(condition, seed)
+    method, finding = METHODS[condition], ""
     if method.replays:
+        demonstrations = get_demonstrations(session, config)
         checkpoint = memorise(session, episodes=demonstrations, config=config.memorise)
     else:
-        checkpoint = train(session, episodes=episodes, config=training)
+        loops = tuple(config.mix.values()) if method.mixes else (config,)
+        gathered = [_gather(session, loop, condition, seed) for loop in loops]
+        checkpoint = train(
+            gathered[-1].session,
+            episodes=tuple(ref for data in gathered for ref in data.episodes),
+            selections=tuple(ref for data in gathered for ref in data.selections),
+            config=config.training(condition, seed),
+        )
+        session = gathered[-1].session
+        finding = "; ".join(data.finding for data in gathered if data.finding)
+        # A model for several tasks can do without the successes of one.
+        if finding and not method.mixes:
+            return ModelOutcome(condition, seed, checkpoint, finding=finding)
+    evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluate)
+    return ModelOutcome(condition, seed, checkpoint, evaluation, finding)
 
-    selections: tuple[ArtifactRef, ...] = ()
+
+def _gather(session: Session, config: LoopConfig, condition: Condition, seed: int) -> _Data:
+    """Data of one task: demonstrations, corrective episodes, and what models trained on these achieve themselves."""
+    method, training = METHODS[condition], config.training(condition, seed)
+    demonstrations = get_demonstrations(session, config)
+    episodes = _training_episodes(session, config, demonstrations, config.augment if method.augments else None)
+    data = _Data(session, episodes)
     for turn in range(1, config.rounds + 1) if method.collects else ():
+        checkpoint = train(data.session, episodes=data.episodes, selections=data.selections, config=training)
         session = session.for_round(turn)
         rollouts = collect(session, checkpoint=checkpoint, config=config.collection(seed, turn))
         try:
-            selections += (select(session, episodes=rollouts, config=config.select),)
+            selection = select(session, episodes=rollouts, config=config.select)
         except NothingLeft as finding:
-            return ModelOutcome(condition, seed, checkpoint, finding=str(finding))
+            return replace(data, finding=str(finding))
         augmentation = (config.augment_retraining or config.augment) if method.augments else None
         episodes = _training_episodes(session, config, demonstrations, augmentation)
-        checkpoint = train(session, episodes=episodes, selections=selections, config=training)
-
-    evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluate)
-    return ModelOutcome(condition, seed, checkpoint, evaluation)
+        data = _Data(session, episodes, (*data.selections, selection))
+    return data
 
 
 def get_demonstrations(session: Session, config: LoopConfig) -> ArtifactRef:

@@ -29,6 +29,7 @@ def memorise(context: StageContext, *, episodes: ArtifactRef, config: MemoriseCo
     actions = np.split(reader.steps("action"), starts[1:])
     ReplayPolicy(reader.steps("part_poses")[starts], actions, parts, task.max_steps).save(context.draft.path)
     context.draft.summary |= {
+        "tasks": [task.name],
         "episodes": {"teleop": len(reader)},
         "timesteps": {"teleop": int(reader.lengths.sum())},
     }

@@ -69,7 +69,12 @@ def train(
     )
     save_checkpoint(context.draft.path, trained.checkpoint)
     curves.finish(context.draft.path)
-    context.draft.summary |= {"steps": config.training.steps, **_dataset(sources), **trained.facts}
+    context.draft.summary |= {
+        "tasks": list(tasks),
+        "steps": config.training.steps,
+        **_dataset(sources),
+        **trained.facts,
+    }
 
 
 def feature_spec(task_name: str) -> FeatureSpec:

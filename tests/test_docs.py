@@ -11,7 +11,7 @@ import pytest
 import typer
 
 from flows.cli import app
-from flows.config import load_run
+from flows.config import load_runs
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -55,12 +55,12 @@ def test_configurations_in_a_page_are_valid(page: Path, tmp_path: Path):
     for block in code_blocks(page, "yaml"):
         path = tmp_path / "example.yaml"
         path.write_text(block)
-        load_run(path)
+        load_runs(path)
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda path: path.name)
 def test_configurations_that_come_along_are_valid_and_described(path: Path):
-    load_run(path)
+    load_runs(path)
     assert f"configs/{path.name}" in (ROOT / "docs" / "configuration.md").read_text()
 
 

@@ -28,7 +28,9 @@ FRAMES_PER_SECOND = 20
 STEPS_PER_SECOND = 10
 
 
-def evaluate_checkpoint(text: str, episodes: int, seed_start: int, randomness: str, as_json: bool) -> None:
+def evaluate_checkpoint(
+    text: str, task: str | None, episodes: int, seed_start: int, randomness: str, as_json: bool
+) -> None:
     """``juicer evaluate``."""
     from stages.evaluate import EvaluateConfig, evaluate
 
@@ -36,7 +38,7 @@ def evaluate_checkpoint(text: str, episodes: int, seed_start: int, randomness: s
     ref = open_store(settings).resolve(text, "checkpoint")
     with opened(settings, None) as surroundings:
         store = surroundings.session.store
-        task = store.manifest(ref).recipe.config["task"]
+        task = task or _only_task(store, ref)
         content = {"task": task, "episodes": episodes, "first": seed_start, "randomness": randomness}
         config = parse_config(content, EvaluateConfig, origin="evaluate")
         session = replace(surroundings.session, label=ref.id)
@@ -52,6 +54,13 @@ def evaluate_checkpoint(text: str, episodes: int, seed_start: int, randomness: s
     )
     for name in get_task(task).milestones:
         say(f"  {name.replace('_', ' '):16} {summary['milestones'][name]}")
+
+
+def _only_task(store: ArtifactStore, checkpoint: ArtifactRef) -> str:
+    tasks = store.manifest(checkpoint).summary["tasks"]
+    if len(tasks) > 1:
+        raise ConfigError(f"{checkpoint} was trained for {', '.join(tasks)}; choose one with --task")
+    return str(tasks[0])
 
 
 def repair_artifact(text: str, files: Path | None, as_json: bool) -> None:

@@ -28,20 +28,25 @@ def run_flow(path: Path, overrides: Sequence[str], as_json: bool) -> None:
     """``juicer run``."""
     settings = read_settings()
     has_server = prepare_environment(settings)
-    from flows.config import load_run
+    from flows.config import load_runs
     from flows.opening import open_store
 
-    config = load_run(path, overrides)
+    configs = load_runs(path, overrides)
     store = open_store(settings)
-    outcome = None if has_server else _reuse_everything(settings, config)
-    if outcome is None:
-        if not has_server:
-            start_server(settings)
-        outcome = _run_in_prefect(config)
+    outcomes = []
+    for config in configs:
+        outcome = None if has_server else _reuse_everything(settings, config)
+        if outcome is None:
+            if not has_server:
+                start_server(settings)
+                has_server = True
+            outcome = _run_in_prefect(config)
+        outcomes.append(outcome.to_json(store))
+        if not as_json:
+            _say_outcome(outcome, config, store)
     if as_json:
-        say_json(outcome.to_json(store))
-        return
-    _say_outcome(outcome, config, store)
+        # A file with several tasks is told by a list.
+        say_json(outcomes[0] if len(configs) == 1 else outcomes)
 
 
 def _reuse_everything(settings: Settings, config: RunConfig) -> RunOutcome | None:
@@ -103,22 +108,23 @@ def run_stage(
     """``juicer stage``."""
     settings = read_settings()
     has_server = prepare_environment(settings)
-    from flows.config import load_run
+    from flows.config import load_runs
     from flows.opening import open_store
     from flows.plan import ready_calls
     from stages.catalog import find_stage
 
     find_stage(name)
-    config = load_run(path, overrides)
+    configs = load_runs(path, overrides)
     chosen = _condition(condition)
     # What is wrong is better said before a server starts.
-    ready_calls(open_store(settings), config.narrowed(chosen, seed), name)
+    for config in configs:
+        ready_calls(open_store(settings), config.narrowed(chosen, seed), name)
     if not has_server:
         start_server(settings)
     from flows.single_stage import single_stage
 
     with server_loss_explained():
-        refs = single_stage(name, config, chosen, seed, force)
+        refs = [ref for config in configs for ref in single_stage(name, config, chosen, seed, force)]
     if as_json:
         say_json(refs)
     else:
@@ -131,7 +137,7 @@ def explain_stage(
 ) -> None:
     """``juicer explain``."""
     settings = read_settings()
-    from flows.config import load_run
+    from flows.config import load_runs
     from flows.opening import open_store
     from flows.plan import calls_of, plan
     from juicer.artifacts.explain import explain
@@ -139,8 +145,11 @@ def explain_stage(
 
     find_stage(name)
     store = open_store(settings)
-    config = load_run(path, overrides).narrowed(_condition(condition), seed)
-    explained = [(entry, explain(store, entry.call.recipe)) for entry in calls_of(plan(store, config), name)]
+    explained = [
+        (entry, explain(store, entry.call.recipe))
+        for config in load_runs(path, overrides)
+        for entry in calls_of(plan(store, config.narrowed(_condition(condition), seed)), name)
+    ]
     if as_json:
         say_json(
             [

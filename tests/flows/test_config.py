@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from flows.conditions import METHODS, Condition
-from flows.config import CollectInferConfig, StudyConfig, load_run
+from flows.config import CollectInferConfig, StudyConfig, load_runs
 from juicer.augmentation.config import PAPER_AUGMENTATION
 from juicer.errors import ConfigError
 from juicer.evaluation import Purpose, claim
@@ -23,34 +23,33 @@ def write(folder: Path, text: str, name: str = "run.yaml") -> Path:
 
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.name)
 def test_every_configuration_of_the_repository_is_valid(path):
-    config = load_run(path)
-    for condition in config.conditions:
-        for seed in config.seeds:
-            training = config.training(condition, seed)
-            assert (training.training.state_noise is not None) == METHODS[condition].adds_noise
+    for config in load_runs(path):
+        for condition in config.conditions:
+            for seed in config.seeds:
+                training = config.training(condition, seed)
+                assert (training.training.state_noise is not None) == METHODS[condition].adds_noise
 
 
 def test_file_says_which_flow_it_is_for(tmp_path):
-    single = load_run(write(tmp_path, "condition: ta\nseed: 3\n"))
-    study = load_run(write(tmp_path, "flow: study\nseeds: [1, 2]\n"))
+    (single,) = load_runs(write(tmp_path, "condition: ta\nseed: 3\n"))
+    (study,) = load_runs(write(tmp_path, "flow: study\nseeds: [1, 2]\n"))
     assert isinstance(single, CollectInferConfig)
     assert (single.conditions, single.seeds) == ((Condition.TA,), (3,))
     assert isinstance(study, StudyConfig)
-    assert study.conditions == tuple(Condition)
+    assert set(study.conditions) == set(Condition) - {Condition.MULTITASK}
 
 
 def test_base_is_overruled_by_the_file_and_the_file_by_the_command_line(tmp_path):
     write(tmp_path, "rounds: 2\nrecord: {demonstrations: 7, seed: 1}\n", "base.yaml")
     path = write(tmp_path, "base: base.yaml\nrecord: {demonstrations: 8}\n")
-    config = load_run(path, ["record.seed=2"])
+    (config,) = load_runs(path, ["record.seed=2"])
     assert (config.rounds, config.record.demonstrations, config.record.seed) == (2, 8, 2)
 
 
 def test_task_and_randomness_reach_every_section_that_does_not_set_its_own(tmp_path):
-    config = load_run(write(tmp_path, "task: one_leg\nrandomness: med\nevaluate: {randomness: high}\n"))
+    (config,) = load_runs(write(tmp_path, "task: one_leg\nrandomness: med\nevaluate: {randomness: high}\n"))
     assert config.record.randomness == config.collect.randomness == "med"
     assert config.evaluate.randomness == "high"
-    assert config.train.diffusion.task == "one_leg"
 
 
 @pytest.mark.parametrize(
@@ -70,13 +69,13 @@ def test_task_and_randomness_reach_every_section_that_does_not_set_its_own(tmp_p
 )
 def test_mistake_gets_one_sentence_that_names_the_remedy(tmp_path, text, message):
     with pytest.raises(ConfigError, match=message):
-        load_run(write(tmp_path, text))
+        load_runs(write(tmp_path, text))
 
 
 def test_base_of_a_base_is_refused(tmp_path):
     write(tmp_path, "base: x.yaml\n", "base.yaml")
     with pytest.raises(ConfigError, match="is a base itself"):
-        load_run(write(tmp_path, "base: base.yaml\n"))
+        load_runs(write(tmp_path, "base: base.yaml\n"))
 
 
 def test_collections_of_different_models_and_rounds_never_share_an_initial_state():
@@ -113,7 +112,45 @@ def test_study_can_be_narrowed_to_what_it_has():
 
 
 def test_paper_augments_as_the_paper_does():
-    config = load_run(CONFIGS / "paper.yaml")
+    (config,) = load_runs(CONFIGS / "paper.yaml")
     for section, count in ((config.augment, 50), (config.augment_retraining, 150)):
         expected = PAPER_AUGMENTATION.model_copy(update={"num_snippets": count})
         assert section.model_dump(exclude={"seed"}) == expected.model_dump()
+
+
+def test_a_file_may_be_about_several_tasks(tmp_path):
+    text = "flow: study\nname: all\nconditions: [bc, multitask]\nrounds: 2\ntasks: {one_leg: {rounds: 3}, lamp: {}}\n"
+    first, second = load_runs(write(tmp_path, text), ["seeds=[4]"])
+    assert [(run.name, run.task, run.rounds, run.seeds) for run in (first, second)] == [
+        ("all_one_leg", "one_leg", 3, (4,)),
+        ("all_lamp", "lamp", 2, (4,)),
+    ]
+    assert second.evaluate.task == second.record.task == "lamp"
+    assert first.mix == second.mix
+    assert {task: (loop.task, loop.record.task, loop.rounds) for task, loop in first.mix.items()} == {
+        "one_leg": ("one_leg", "one_leg", 3),
+        "lamp": ("lamp", "lamp", 2),
+    }
+    # A flow is handed its configuration as JSON.
+    assert StudyConfig.model_validate_json(first.model_dump_json()) == first
+
+
+def test_a_list_of_tasks_will_do(tmp_path):
+    runs = load_runs(write(tmp_path, "flow: study\nconditions: [bc]\ntasks: [lamp, round_table]\n"))
+    assert [run.task for run in runs] == ["lamp", "round_table"]
+    assert not runs[0].mix
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("flow: study\nconditions: [multitask]\n", "needs several tasks"),
+        ("flow: study\nconditions: [multitask]\ntasks: [lamp]\n", "needs several tasks"),
+        ("tasks: []\n", "'tasks' must list tasks"),
+        ("task: lamp\ntasks: [lamp]\n", "without 'task'"),
+        ("tasks: {lamp: {roundz: 3}}\n", "rounds"),
+    ],
+)
+def test_wrong_tasks_are_told(tmp_path, text, message):
+    with pytest.raises(ConfigError, match=message):
+        load_runs(write(tmp_path, text))

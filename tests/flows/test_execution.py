@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from flows.conditions import Condition
-from flows.config import StudyConfig
+from flows.config import StudyConfig, load_runs
 from flows.execution import RunOutcome, execute, run_models
 from flows.tracked import Tracking
 from juicer.artifacts.recipe import Recipe
@@ -108,3 +108,13 @@ def test_outcome_for_machines_names_everything(store):
     assert content["table"][0]["episodes"] == 4
     assert content["report"].startswith("report/")
     assert Recipe.from_json(Recipe("a", "report").to_json()).kind == "report"
+
+
+def test_a_model_for_several_tasks_does_without_the_successes_of_one(store, tmp_path):
+    path = tmp_path / "tasks.yaml"
+    path.write_text("flow: study\nconditions: [multitask]\nseeds: [0]\ntasks: [one_leg, lamp]\n")
+    study, _ = load_runs(path)
+    stub = Stub(store, {"select": NothingLeft("no successful rollout to retrain on: none of 4")})
+    (model,) = run_models(Session(store, perform=stub), study)
+    assert model.evaluation is not None
+    assert "none of 4" in model.finding

@@ -7,7 +7,7 @@ from collections import Counter
 import pytest
 
 from flows.conditions import Condition
-from flows.config import CollectInferConfig, StudyConfig
+from flows.config import CollectInferConfig, StudyConfig, load_runs
 from flows.plan import calls_of, is_complete, missing_inputs, plan
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ConfigError
@@ -81,3 +81,27 @@ def test_logs_of_a_human_take_the_place_of_the_scripted_operator(store, tmp_path
     planned = plan(store, CollectInferConfig(logs=folder, condition=Condition.BC))
     assert [entry.stage for entry in planned] == ["ingest", "train", "evaluate"]
     assert list(planned[0].call.recipe.files) == ["files/a.npz"]
+
+
+@pytest.fixture
+def mixed(tmp_path):
+    """A study of one_leg and one of lamp, each with a model for both."""
+    path = tmp_path / "tasks.yaml"
+    path.write_text("flow: study\nconditions: [ta_ci, multitask]\nseeds: [0]\ntasks: [one_leg, lamp]\n")
+    return load_runs(path)
+
+
+def test_a_model_for_several_tasks_learns_what_each_tasks_own_model_learns(store, mixed):
+    plans = [plan(store, config) for config in mixed]
+    shared = {by_label(planned, "train")["multitask seed 0 round 1"] for planned in plans}
+    assert len(shared) == 1
+    calls = [{entry.label: entry.call for entry in calls_of(planned, "train")} for planned in plans]
+    own = [call["ta_ci seed 0 round 1"].recipe.inputs for call in calls]
+    both = calls[0]["multitask seed 0 round 1"].recipe.inputs
+    for role in ("episodes", "selections"):
+        assert both[role] == own[0][role] + own[1][role]
+
+
+def test_a_model_for_several_tasks_is_evaluated_on_each(store, mixed):
+    evaluated = [by_label(plan(store, config), "evaluate")["multitask seed 0 round 1"] for config in mixed]
+    assert len(set(evaluated)) == 2
