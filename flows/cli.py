@@ -29,6 +29,7 @@ Overrides = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
 OneCondition = Annotated[str | None, typer.Option("--condition", help="Only this condition of a study.")]
 OneSeed = Annotated[int | None, typer.Option("--seed", help="Only this seed of a study.")]
+OneTask = Annotated[str | None, typer.Option("--task", help="Only this of the configuration's tasks.")]
 ArtifactId = Annotated[str, typer.Argument(metavar="ID", help="Id of an artifact, or its first letters.")]
 
 
@@ -36,12 +37,15 @@ ArtifactId = Annotated[str, typer.Argument(metavar="ID", help="Id of an artifact
 def run(
     config: Annotated[Path, typer.Argument(metavar="CONFIG", help="Configuration file.")],
     overrides: Overrides = None,
+    task: OneTask = None,
+    condition: OneCondition = None,
+    seed: OneSeed = None,
     as_json: AsJson = False,
 ) -> None:
     """Run the whole loop: one model, or a study of several conditions and seeds."""
-    from flows.commands.running import run_flow
+    from flows.commands.running import Part, run_flow
 
-    run_flow(config, overrides or [], as_json)
+    run_flow(config, overrides or [], Part(task, condition, seed), as_json)
 
 
 @app.command()
@@ -49,15 +53,16 @@ def stage(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Stage, e.g. train.")],
     config: ConfigFile,
     overrides: Overrides = None,
+    task: OneTask = None,
     condition: OneCondition = None,
     seed: OneSeed = None,
     force: Annotated[bool, typer.Option("--force", help="Recompute even if the artifact is in the store.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Run one stage of a configuration from inputs that are in the store."""
-    from flows.commands.running import run_stage
+    from flows.commands.running import Part, run_stage
 
-    run_stage(name, config, overrides or [], condition, seed, force, as_json)
+    run_stage(name, config, overrides or [], Part(task, condition, seed), force, as_json)
 
 
 @app.command()
@@ -65,14 +70,15 @@ def explain(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Stage, e.g. train.")],
     config: ConfigFile,
     overrides: Overrides = None,
+    task: OneTask = None,
     condition: OneCondition = None,
     seed: OneSeed = None,
     as_json: AsJson = False,
 ) -> None:
     """Say why a stage would be reused or computed."""
-    from flows.commands.running import explain_stage
+    from flows.commands.running import Part, explain_stage
 
-    explain_stage(name, config, overrides or [], condition, seed, as_json)
+    explain_stage(name, config, overrides or [], Part(task, condition, seed), as_json)
 
 
 @app.command("ls")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,14 +25,28 @@ if TYPE_CHECKING:
     from juicer.artifacts.store import ArtifactStore
 
 
-def run_flow(path: Path, overrides: Sequence[str], as_json: bool) -> None:
+@dataclass(frozen=True)
+class Part:
+    """Which part of a configuration is meant; all of it where nothing is said.
+
+    Attributes:
+        task: One of its tasks.
+        condition: One of its conditions.
+        seed: One of its seeds.
+    """
+
+    task: str | None = None
+    condition: str | None = None
+    seed: int | None = None
+
+
+def run_flow(path: Path, overrides: Sequence[str], part: Part, as_json: bool) -> None:
     """``juicer run``."""
     settings = read_settings()
     has_server = prepare_environment(settings)
-    from flows.config import load_runs
     from flows.opening import open_store
 
-    configs = load_runs(path, overrides)
+    configs = _load(path, overrides, part)
     store = open_store(settings)
     outcomes = []
     for config in configs:
@@ -100,31 +115,28 @@ def run_stage(
     name: str,
     path: Path,
     overrides: Sequence[str],
-    condition: str | None,
-    seed: int | None,
+    part: Part,
     force: bool,
     as_json: bool,
 ) -> None:
     """``juicer stage``."""
     settings = read_settings()
     has_server = prepare_environment(settings)
-    from flows.config import load_runs
     from flows.opening import open_store
     from flows.plan import ready_calls
     from stages.catalog import find_stage
 
     find_stage(name)
-    configs = load_runs(path, overrides)
-    chosen = _condition(condition)
+    configs = _load(path, overrides, part)
     # What is wrong is better said before a server starts.
     for config in configs:
-        ready_calls(open_store(settings), config.narrowed(chosen, seed), name)
+        ready_calls(open_store(settings), config, name)
     if not has_server:
         start_server(settings)
     from flows.single_stage import single_stage
 
     with server_loss_explained():
-        refs = [ref for config in configs for ref in single_stage(name, config, chosen, seed, force)]
+        refs = [ref for config in configs for ref in single_stage(name, config, force=force)]
     if as_json:
         say_json(refs)
     else:
@@ -132,12 +144,9 @@ def run_stage(
             say(ref)
 
 
-def explain_stage(
-    name: str, path: Path, overrides: Sequence[str], condition: str | None, seed: int | None, as_json: bool
-) -> None:
+def explain_stage(name: str, path: Path, overrides: Sequence[str], part: Part, as_json: bool) -> None:
     """``juicer explain``."""
     settings = read_settings()
-    from flows.config import load_runs
     from flows.opening import open_store
     from flows.plan import calls_of, plan
     from juicer.artifacts.explain import explain
@@ -147,8 +156,8 @@ def explain_stage(
     store = open_store(settings)
     explained = [
         (entry, explain(store, entry.call.recipe))
-        for config in load_runs(path, overrides)
-        for entry in calls_of(plan(store, config.narrowed(_condition(condition), seed)), name)
+        for config in _load(path, overrides, part)
+        for entry in calls_of(plan(store, config), name)
     ]
     if as_json:
         say_json(
@@ -170,6 +179,18 @@ def explain_stage(
         say(f"{name} ({entry.label}): {first}")
         for sentence in rest:
             say(f"  {sentence}")
+
+
+def _load(path: Path, overrides: Sequence[str], part: Part) -> list[RunConfig]:
+    from flows.config import load_runs
+
+    configs = load_runs(path, overrides)
+    tasks = [config.task for config in configs]
+    if part.task is not None and part.task not in tasks:
+        raise ConfigError(f"the configuration has no task '{part.task}'{did_you_mean(part.task, tasks)}")
+    return [
+        config.narrowed(_condition(part.condition), part.seed) for config in configs if part.task in (None, config.task)
+    ]
 
 
 def _condition(text: str | None) -> Condition | None:
