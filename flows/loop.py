@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -60,26 +61,45 @@ class _Data:
 
 def run_model(session: Session, config: LoopConfig, condition: Condition, seed: int) -> ModelOutcome:
     """Train and evaluate the model of a condition and seed; whatever is in the store is reused."""
-    method, finding = METHODS[condition], ""
+    method = METHODS[condition]
+    if method.mixes:
+        return _run_mixed(session, config, condition, seed)
     if method.replays:
         demonstrations = get_demonstrations(session, config)
         checkpoint = memorise(session, episodes=demonstrations, config=config.memorise)
     else:
-        loops = tuple(config.mix.values()) if method.mixes else (config,)
-        gathered = [_gather(session, loop, condition, seed) for loop in loops]
-        checkpoint = train(
-            gathered[-1].session,
-            episodes=tuple(ref for data in gathered for ref in data.episodes),
-            selections=tuple(ref for data in gathered for ref in data.selections),
-            config=config.training(condition, seed),
-        )
-        session = gathered[-1].session
-        finding = "; ".join(data.finding for data in gathered if data.finding)
-        # A model for several tasks can do without the successes of one.
-        if finding and not method.mixes:
-            return ModelOutcome(condition, seed, checkpoint, finding=finding)
+        data = _gather(session, config, condition, seed)
+        session = data.session
+        checkpoint = _train(session, config, condition, seed, [data])
+        if data.finding:
+            return ModelOutcome(condition, seed, checkpoint, finding=data.finding)
     evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluate)
-    return ModelOutcome(condition, seed, checkpoint, evaluation, finding)
+    return ModelOutcome(condition, seed, checkpoint, evaluation)
+
+
+def _run_mixed(session: Session, config: LoopConfig, condition: Condition, seed: int) -> ModelOutcome:
+    """One model for several tasks, evaluated on the task of ``config``; it can do without the successes of one."""
+    gathered = {
+        task: _gather(session.for_model(f"{session.label} {task}", session.record), loop, condition, seed)
+        for task, loop in config.mix.items()
+    }
+    checkpoint = _train(session, config, condition, seed, gathered.values())
+    evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluate)
+    findings = (f"{task}: {data.finding}" for task, data in gathered.items() if data.finding)
+    return ModelOutcome(condition, seed, checkpoint, evaluation, "; ".join(findings))
+
+
+def _train(
+    session: Session, config: LoopConfig, condition: Condition, seed: int, gathered: Iterable[_Data]
+) -> ArtifactRef:
+    """The last model, trained on all that was gathered."""
+    gathered = tuple(gathered)
+    return train(
+        session,
+        episodes=tuple(ref for data in gathered for ref in data.episodes),
+        selections=tuple(ref for data in gathered for ref in data.selections),
+        config=config.training(condition, seed),
+    )
 
 
 def _gather(session: Session, config: LoopConfig, condition: Condition, seed: int) -> _Data:

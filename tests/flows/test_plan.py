@@ -93,15 +93,15 @@ def mixed(tmp_path):
 
 def test_a_model_for_several_tasks_learns_what_each_tasks_own_model_learns(store, mixed):
     plans = [plan(store, config) for config in mixed]
-    shared = {by_label(planned, "train")["multitask seed 0 round 1"] for planned in plans}
+    shared = {by_label(planned, "train")["multitask seed 0"] for planned in plans}
     assert len(shared) == 1
     calls = [{entry.label: entry.call for entry in calls_of(planned, "train")} for planned in plans]
     own = [call["ta_ci seed 0 round 1"].recipe.inputs for call in calls]
-    both = calls[0]["multitask seed 0 round 1"].recipe.inputs
+    both = calls[0]["multitask seed 0"].recipe.inputs
     for role in ("episodes", "selections"):
         assert both[role] == own[0][role] + own[1][role]
 
 
 def test_a_model_for_several_tasks_is_evaluated_on_each(store, mixed):
-    evaluated = [by_label(plan(store, config), "evaluate")["multitask seed 0 round 1"] for config in mixed]
+    evaluated = [by_label(plan(store, config), "evaluate")["multitask seed 0"] for config in mixed]
     assert len(set(evaluated)) == 2
