@@ -29,6 +29,7 @@ from juicer.teleoperation.skills import (
     holding,
     near,
     reach,
+    rise,
     towards,
 )
 
@@ -45,6 +46,8 @@ _UPRIGHT_RAD, _LEANS_FAR_RAD = math.radians(12), math.radians(12)
 _CLEAR_OF_PART_M = 0.06
 _AWAY_M = 0.05
 _FINGER_PLAY_M = 0.008
+# Tries to get a part into its hole before it is grasped anew, and the height from which it is dropped for that.
+_PATIENCE_STEPS, _PUT_BACK_M = 150, 0.07
 
 # Nearer to the robot than this, the wrist cannot bend as far: the hand has to stand more upright over the hole.
 _FAR_X_M, _TILT_RAD_M = 0.56, 6.5
@@ -154,11 +157,31 @@ class Mounting:
             if not upright(scene):
                 return (yield from self._leave(scene, "let go"))
         scene = yield from reach(scene, up, CLOSE, pace, clear, f"lift the {name}")
+        tried = 0
         while view.is_held(scene) and not self._has_arrived(scene):
+            if tried == _PATIENCE_STEPS:
+                return (yield from self.put_back(scene))
+            tried += 1
             low = view.seat(scene).height_m < view.depth_m + _MOUTH_M + 0.005
             target = towards(scene, self._lowering(scene), pace.at_most(_INSERT_LEAD_M) if low else pace)
             scene = yield Command(target, CLOSE, f"insert the {name}" if low else f"bring the {name} over its hole")
         return (yield from self._finish(scene))
+
+    def put_back(self, scene: Scene) -> Skill:
+        """Take a part that has turned in the grip back to where it came from, to grasp it anew."""
+        phase, pace = f"take the {self.view.label} back", self._habits.pace
+        x, y, _ = self._task.parts[self.view.part_index].start[:3]
+
+        def place(scene: Scene) -> Pose:
+            return Pose(np.array([x, y, _PUT_BACK_M]), scene.hand.rotation)
+
+        def back(scene: Scene) -> bool:
+            return arrived(scene) or stall(scene) or not self.view.is_held(scene)
+
+        arrived, stall = near(place, 0.02, math.pi), Stall()
+        scene = yield from rise(scene, self._habits.via[2], CLOSE, pace, phase)
+        scene = yield from reach(scene, place, CLOSE, pace, back, phase)
+        return (yield from self._leave(scene, phase))
 
     def _is_low_and_away(self, scene: Scene) -> bool:
         """Whether a part has yet to be lifted over what may be in its way."""
