@@ -67,7 +67,6 @@ def _set_physics(spec: mujoco.MjSpec, task: AssemblyTask) -> None:
     # Divergence is reported as an outcome; an automatic reset would hide it.
     option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     spec.default.geom.solref[:2] = (0.005, 1)
-    spec.default.geom.solimp[:3] = (0.95, 0.99, 0.001)
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 720
     spec.visual.quality.shadowsize = 2048
     # Coarse round shapes: drawn in software, pictures cost in proportion to triangles.

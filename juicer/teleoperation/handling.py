@@ -54,11 +54,11 @@ HANDLINGS = {
     ),
     "round_table_base": Handling(
         (0.065, 0.029, 0.065), 0.004, 0.0468, 0.004, 0.0468,
-        flat_rad=math.pi / 4, turn_back_above_m=0.04, lies=False, pick_play_m=0.0015,
+        flat_rad=math.pi / 4, turn_back_above_m=0.04, lies=False, pick_play_m=0.0025,
     ),
     "lamp_hood": Handling(
         (0.044, 0.050, 0.044), -0.034, 0.0655, -0.034, 0.0655,
-        flat_every_rad=math.pi / 8, lies=False, clear_m=0.105, pick_play_m=0.0015,
+        flat_every_rad=math.pi / 8, lies=False, clear_m=0.105, pick_play_m=0.002,
     ),
     "lamp_bulb": Handling(
         (0.030, 0.060, 0.030), 0.038, 0.0595, 0.038, 0.0595,

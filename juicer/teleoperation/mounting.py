@@ -14,7 +14,7 @@ from juicer.tasks.specification import AssemblyTask
 from juicer.teleoperation.corner import PUSH_LEAD_M, leave
 from juicer.teleoperation.gripper_room import Block, has_room, nearest_room, obstacles
 from juicer.teleoperation.handling import Habits
-from juicer.teleoperation.pair_view import EASY_YAW_RAD, PairView, downward
+from juicer.teleoperation.pair_view import EASY_YAW_RAD, STROKE_END_RAD, PairView, downward
 from juicer.teleoperation.pose import UP, Pose, Vector, cross, heading, length, swing, turned, wrapped
 from juicer.teleoperation.scene import Scene
 from juicer.teleoperation.skills import (
@@ -289,7 +289,7 @@ class ScrewMounting(Mounting):
         stall = Stall()
 
         def turned_enough(scene: Scene) -> bool:
-            return view.is_seated(scene) or view.hand_yaw(scene) < view.stroke_end(scene) or stall(scene)
+            return view.is_seated(scene) or view.hand_yaw(scene) < STROKE_END_RAD or stall(scene)
 
         scene = yield from reach(scene, self._stroke, CLOSE, pace.at_most(_STROKE_LEAD_M), turned_enough, "stroke")
         return (yield from grip(scene, OPEN, view.is_open, "release after a stroke"))
@@ -329,11 +329,14 @@ class ScrewMounting(Mounting):
         leans = view.seat(scene).lean_rad > math.radians(4)
         if leans and abs(view.stroke_start(scene) - view.hand_yaw(scene)) > math.radians(8):
             return above(hand, 0.03) if offset[2] < 0.045 else above(grasp, 0.055)
-        return above(grasp, min(0.055, max(0.0, 1.5 * (math.hypot(offset[0], offset[1]) - 0.006))))
+        # The less room there is beside the part, the steeper, lest the fingers come down on it and stay there.
+        play = min(0.006, 1.6 * self._handling.pick_play_m)
+        steepness = 1.5 * (0.006 / play) ** 3
+        return above(grasp, min(0.055, steepness * max(0.0, math.hypot(offset[0], offset[1]) - play)))
 
     def _stroke(self, scene: Scene) -> Pose:
         """Hand that turns clockwise over the hole's axis and never pulls the part up."""
         position = self._on_axis(scene)
         position[2] = scene.hand.position[2] - _STROKE_SINK_M
         # Beyond the stroke's end, so that the hand does not slow down before it.
-        return Pose(position, downward(self.view.stroke_end(scene) - math.radians(10)))
+        return Pose(position, downward(STROKE_END_RAD - math.radians(10)))

@@ -141,13 +141,9 @@ class PairView:
         """Angle between the hand and straight down [rad]."""
         return angle_between(-scene.hand.rotation[:, 2], UP)
 
-    def stroke_end(self, scene: Scene) -> float:
-        """Yaw of the hand at which a screw stroke ends [rad]."""
-        return STROKE_END_RAD
-
     def stroke_start(self, scene: Scene) -> float:
         """Yaw of the hand, flat on the part's faces, from which a stroke takes about a quarter turn [rad]."""
-        wanted = self.stroke_end(scene) + math.pi / 2
+        wanted = STROKE_END_RAD + math.pi / 2
         flat = heading(self.part(scene).rotation[:, 0]) + self.handling.flat_rad
         return wanted + wrapped(flat - wanted, self.handling.flat_every_rad)
 

@@ -92,15 +92,17 @@ def reach(scene: Scene, goal: Goal, gripper: float, pace: Pace, done: Test, phas
 def descend(scene: Scene, grasp: Goal, clearance_m: float, pace: Pace, phase: str, play_m: float = _PLAY_M) -> Skill:
     """Come down on a grasp with the gripper open, until something stops the hand: the better placed, the lower.
 
-    The smaller ``play_m``, by which the hand may stand aside without its fingers meeting the part, the steeper.
+    The smaller ``play_m``, by which the hand may stand aside without its fingers meeting the part, the steeper: fingers
+    that have come down on a tight part go up again.
     """
+    steepness = (_PLAY_M / play_m) ** 3
 
     def goal(scene: Scene) -> Pose:
         pose = grasp(scene)
         offset = pose.position - scene.hand.position
         aside = math.hypot(offset[0], offset[1])
         turn = length(turn_between(scene.hand.rotation, pose.rotation))
-        return above(pose, min(clearance_m, _PLAY_M * max(0.0, aside / play_m - 1.0) + 0.15 * max(0.0, turn - 0.05)))
+        return above(pose, min(clearance_m, steepness * max(0.0, aside - play_m) + 0.15 * max(0.0, turn - 0.05)))
 
     arrived, stall = near(grasp, play_m, math.radians(3)), Stall()
     return reach(scene, goal, OPEN, pace, lambda scene: arrived(scene) or stall(scene), phase)
