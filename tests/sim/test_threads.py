@@ -71,7 +71,7 @@ def test_turning_clockwise_screws_a_part_home_and_turning_back_lifts_it(part_ove
     assert abs(seated) < 0.002
     assert tilt < np.deg2rad(3)
     before = scene.part_poses()[scene.pair.second, 2]
-    for _ in range(4):  # a third of a turn is play
+    for _ in range(6):  # a third of a turn is play, and the hand slips a little
         scene.turn(np.deg2rad(90))
     # What the base stands on may come loose before the base does.
     assert scene.part_poses()[scene.pair.second, 2] > before + 0.003
