@@ -20,7 +20,7 @@ class Handling:
         pick_width_m: Its width there.
         pick_below_m: How much lower than the operator's habit it is picked up.
         pick_play_m: How far aside of it the open hand may come down.
-        swings: Whether it is grasped at a ball, between fingers in which it hangs down like a pendulum.
+        is_ball: Whether it is grasped at a ball, from above: it swings between the fingers, and may stand at any yaw.
         screw_m: Where it is grasped to be screwed in, above its origin.
         screw_width_m: Its width there.
         flat_rad: Yaw of the part's x axis, relative to the hand's, at which the fingers lie flat for a stroke.
@@ -42,7 +42,7 @@ class Handling:
     clear_m: float | None = None
     pick_below_m: float = 0.0
     pick_play_m: float = 0.004
-    swings: bool = False
+    is_ball: bool = False
 
 
 _SQUARE_LEG = Handling((0.015, 0.056, 0.015), 0.0115, 0.030, 0.012, 0.030)
@@ -62,7 +62,7 @@ HANDLINGS = {
     ),
     "lamp_bulb": Handling(
         (0.030, 0.060, 0.030), 0.038, 0.0595, 0.038, 0.0595,
-        flat_every_rad=math.pi / 36, pick_below_m=0.008, swings=True,
+        flat_every_rad=math.pi / 36, pick_below_m=0.008, is_ball=True,
     ),
 }  # fmt: skip
 """By name of the part."""

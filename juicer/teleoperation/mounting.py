@@ -193,10 +193,10 @@ class Mounting:
 
     def _pick_tilt(self, scene: Scene) -> float:
         """Tilt of the hand that picks up the part; what it is short of upright, it will be tilted over the hole."""
-        if self._handling.swings or not self._handling.lies:
+        if self._handling.is_ball or not self._handling.lies:
             return 0.0
-        near = max(0.0, _FAR_X_M - float(self.view.seat_pose(scene).position[0]))
-        return self._habits.tilt_rad + _TILT_RAD_M * near
+        nearer_m = max(0.0, _FAR_X_M - float(self.view.seat_pose(scene).position[0]))
+        return self._habits.tilt_rad + _TILT_RAD_M * nearer_m
 
     def _pick_grasp(self, scene: Scene, tilt_rad: float, aside_m: float) -> Pose:
         """Hand over the part: across one that lies, tilted back towards its peg, else straight down on its flats."""

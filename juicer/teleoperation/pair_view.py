@@ -123,7 +123,7 @@ class PairView:
     def upright(self, scene: Scene) -> Matrix:
         """Rotation of the part that stands on its mate, in the quarter turn that leads the hand away from the robot."""
         seated = self.seat_pose(scene).rotation
-        if self.handling.swings:
+        if self.handling.is_ball:
             rotation = self.part(scene).rotation
             return turned(swing(rotation[:, 1], seated[:, 1]), rotation)
         held = self.part(scene).rotation.T @ scene.hand.rotation
