@@ -54,7 +54,7 @@ HANDLINGS = {
     ),
     "round_table_base": Handling(
         (0.065, 0.029, 0.065), 0.004, 0.0468, 0.004, 0.0468,
-        flat_rad=math.pi / 4, turn_back_above_m=0.04, lies=False, pick_play_m=0.0025,
+        flat_rad=math.pi / 4, turn_back_above_m=0.04, lies=False, pick_play_m=0.0022,
     ),
     "lamp_hood": Handling(
         (0.044, 0.050, 0.044), -0.034, 0.0655, -0.034, 0.0655,

@@ -21,6 +21,7 @@ from juicer.teleoperation.skills import (
     CLOSE,
     OPEN,
     Command,
+    Patience,
     Skill,
     Stall,
     above,
@@ -46,7 +47,7 @@ _UPRIGHT_RAD, _LEANS_FAR_RAD = math.radians(12), math.radians(12)
 _CLEAR_OF_PART_M = 0.06
 _AWAY_M = 0.05
 _FINGER_PLAY_M = 0.008
-# Tries to get a part into its hole before it is grasped anew, and the height from which it is dropped for that.
+# Steps after which something is begun anew, and the height from which a part is dropped to be grasped anew.
 _PATIENCE_STEPS, _PUT_BACK_M = 150, 0.07
 
 # Nearer to the robot than this, the wrist cannot bend as far: the hand has to stand more upright over the hole.
@@ -157,11 +158,10 @@ class Mounting:
             if not upright(scene):
                 return (yield from self._leave(scene, "let go"))
         scene = yield from reach(scene, up, CLOSE, pace, clear, f"lift the {name}")
-        tried = 0
+        tired = Patience(_PATIENCE_STEPS)
         while view.is_held(scene) and not self._has_arrived(scene):
-            if tried == _PATIENCE_STEPS:
+            if tired(scene):
                 return (yield from self.put_back(scene))
-            tried += 1
             low = view.seat(scene).height_m < view.depth_m + _MOUTH_M + 0.005
             target = towards(scene, self._lowering(scene), pace.at_most(_INSERT_LEAD_M) if low else pace)
             scene = yield Command(target, CLOSE, f"insert the {name}" if low else f"bring the {name} over its hole")
@@ -274,17 +274,19 @@ class ScrewMounting(Mounting):
         def flat_on_the_part(scene: Scene) -> Pose:
             return Pose(self._screw_grasp(scene), downward(view.stroke_start(scene)))
 
-        arrived = near(flat_on_the_part, 0.004, math.radians(4))
+        arrived, tired = near(flat_on_the_part, 0.004, math.radians(4)), Patience(_PATIENCE_STEPS)
         scene = yield from reach(
             scene,
             self._turning_back,
             OPEN,
             pace,
-            lambda scene: arrived(scene) or not view.is_engaged(scene),
+            lambda scene: arrived(scene) or not view.is_engaged(scene) or tired(scene),
             "turn back",
         )
         if not view.is_engaged(scene):
             return scene
+        if not arrived(scene):
+            return (yield from rise(scene, float(scene.hand.position[2]) + _CLEAR_OF_PART_M, OPEN, pace, "turn back"))
         scene = yield from grip(scene, CLOSE, view.is_closed_on_part, "grasp for a stroke")
         stall = Stall()
 
@@ -330,7 +332,7 @@ class ScrewMounting(Mounting):
         if leans and abs(view.stroke_start(scene) - view.hand_yaw(scene)) > math.radians(8):
             return above(hand, 0.03) if offset[2] < 0.045 else above(grasp, 0.055)
         # The less room there is beside the part, the steeper, lest the fingers come down on it and stay there.
-        play = min(0.006, 1.6 * self._handling.pick_play_m)
+        play = 1.5 * self._handling.pick_play_m
         steepness = 1.5 * (0.006 / play) ** 3
         return above(grasp, min(0.055, steepness * max(0.0, math.hypot(offset[0], offset[1]) - play)))
 

@@ -22,6 +22,7 @@ STEP_S = 0.1
 _FOLLOWING = 0.5
 _STILL_FINGERS_M = 2e-4
 _PLAY_M = 0.004
+_PATIENCE_STEPS = 150
 _STILL_M_S, _STILL_RAD_S = 0.006, 0.05
 
 
@@ -104,8 +105,8 @@ def descend(scene: Scene, grasp: Goal, clearance_m: float, pace: Pace, phase: st
         turn = length(turn_between(scene.hand.rotation, pose.rotation))
         return above(pose, min(clearance_m, steepness * max(0.0, aside - play_m) + 0.15 * max(0.0, turn - 0.05)))
 
-    arrived, stall = near(grasp, play_m, math.radians(3)), Stall()
-    return reach(scene, goal, OPEN, pace, lambda scene: arrived(scene) or stall(scene), phase)
+    arrived, stall, tired = near(grasp, play_m, math.radians(3)), Stall(), Patience(_PATIENCE_STEPS)
+    return reach(scene, goal, OPEN, pace, lambda scene: arrived(scene) or stall(scene) or tired(scene), phase)
 
 
 def rise(scene: Scene, height_m: float, gripper: float, pace: Pace, phase: str) -> Skill:
@@ -142,6 +143,19 @@ class Stall:
         still = scene.speed < _STILL_M_S and scene.spin < _STILL_RAD_S
         self._still = self._still + 1 if still else 0
         return self._still >= self._patience
+
+
+class Patience:
+    """Test whether a skill has run for too long, and is better begun anew."""
+
+    def __init__(self, steps: int) -> None:
+        """Wait for so many steps."""
+        self._left = steps
+
+    def __call__(self, scene: Scene) -> bool:
+        """Look once a step."""
+        self._left -= 1
+        return self._left < 0
 
 
 def near(goal: Goal, tolerance_m: float, tolerance_rad: float) -> Test:
