@@ -17,6 +17,7 @@ from juicer.teleoperation.skills import (
     OPEN,
     STEP_S,
     Pace,
+    Patience,
     Skill,
     Stall,
     descend,
@@ -107,6 +108,20 @@ def test_descending_gives_up_where_something_stops_the_hand():
     assert sent < 20
 
 
+@pytest.mark.parametrize(("play_m", "goes_up"), [(0.004, False), (0.002, True)])
+def test_fingers_that_came_down_on_a_tight_part_go_up_again(play_m, goes_up):
+    world = World(hand=Pose(np.array([0.505, 0.0, 0.017]), START.rotation))
+    grasp = Pose(np.array([0.5, 0.0, 0.0]), START.rotation)
+    command = next(descend(world.scene(), lambda _: grasp, 0.06, PACE, "go", play_m))
+    assert (command.target.position[2] > world.hand.position[2]) == goes_up
+
+
+def test_descending_is_begun_anew_if_it_takes_too_long():
+    world = World()
+    wandering = (Pose(np.array([0.5, 0.1 * (-1) ** step, 0.0]), START.rotation) for step in range(10_000))
+    assert world.run(descend(world.scene(), lambda _: next(wandering), 0.06, PACE, "go"), longest=1000) < 200
+
+
 def test_rising_ends_above_the_height():
     world = World()
     world.run(rise(world.scene(), 0.2, OPEN, PACE, "up"))
@@ -127,3 +142,8 @@ def test_a_stall_needs_several_still_steps_in_a_row():
     world.velocity = np.full(6, 1.0)
     moving = world.scene()
     assert [stall(scene) for scene in (still, still, moving, still, still, still)] == [False] * 5 + [True]
+
+
+def test_patience_ends_after_its_steps():
+    tired, scene = Patience(3), World().scene()
+    assert [tired(scene) for _ in range(4)] == [False] * 3 + [True]
