@@ -297,9 +297,11 @@ class ScrewMounting(Mounting):
         return (yield from grip(scene, OPEN, view.is_open, "release after a stroke"))
 
     def _finish(self, scene: Scene) -> Skill:
-        """Let go of the part if it stands in its hole."""
+        """Let go of the part: in its hole, or where it came to rest instead."""
         if self.view.is_engaged(scene):
             scene = yield from grip(scene, OPEN, self.view.is_open, f"release the {self.view.label}")
+        elif self.view.is_held(scene):
+            scene = yield from self._leave(scene, "let go")
         return scene
 
     def _on_axis(self, scene: Scene) -> Vector:
