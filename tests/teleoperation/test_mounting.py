@@ -44,8 +44,6 @@ def test_a_held_leg_is_lowered_and_then_let_go(aside_m, height_m, gripper):
     scene = held_leg(aside_m, height_m)
     assert VIEW.is_held(scene)
     assert VIEW.is_engaged(scene) == (height_m < 0.02 and aside_m < 0.02)
-    if VIEW.is_engaged(scene):
-        command = next(MOUNTING.insert(scene))
-    else:
-        command = next(MOUNTING.step(scene))
+    skill = MOUNTING.insert if VIEW.is_engaged(scene) else MOUNTING.step
+    command = next(skill(scene))
     assert command.gripper == gripper
