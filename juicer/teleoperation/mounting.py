@@ -47,8 +47,8 @@ _UPRIGHT_RAD, _LEANS_FAR_RAD = math.radians(12), math.radians(12)
 _CLEAR_OF_PART_M = 0.06
 _AWAY_M = 0.05
 _FINGER_PLAY_M = 0.008
-# Steps after which something is begun anew, and the height from which a part is dropped to be grasped anew.
-_PATIENCE_STEPS, _PUT_BACK_M = 150, 0.07
+# Height from which a part is dropped to be grasped anew.
+_PUT_BACK_M = 0.07
 
 # Nearer to the robot than this, the wrist cannot bend as far: the hand has to stand more upright over the hole.
 _FAR_X_M, _TILT_RAD_M = 0.56, 6.5
@@ -158,7 +158,7 @@ class Mounting:
             if not upright(scene):
                 return (yield from self._leave(scene, "let go"))
         scene = yield from reach(scene, up, CLOSE, pace, clear, f"lift the {name}")
-        tired = Patience(_PATIENCE_STEPS)
+        tired = Patience()
         while view.is_held(scene) and not self._has_arrived(scene):
             if tired(scene):
                 return (yield from self.put_back(scene))
@@ -274,7 +274,7 @@ class ScrewMounting(Mounting):
         def flat_on_the_part(scene: Scene) -> Pose:
             return Pose(self._screw_grasp(scene), downward(view.stroke_start(scene)))
 
-        arrived, tired = near(flat_on_the_part, 0.004, math.radians(4)), Patience(_PATIENCE_STEPS)
+        arrived, tired = near(flat_on_the_part, 0.004, math.radians(4)), Patience()
         scene = yield from reach(
             scene,
             self._turning_back,

@@ -22,7 +22,6 @@ STEP_S = 0.1
 _FOLLOWING = 0.5
 _STILL_FINGERS_M = 2e-4
 _PLAY_M = 0.004
-_PATIENCE_STEPS = 150
 _STILL_M_S, _STILL_RAD_S = 0.006, 0.05
 
 
@@ -105,7 +104,7 @@ def descend(scene: Scene, grasp: Goal, clearance_m: float, pace: Pace, phase: st
         turn = length(turn_between(scene.hand.rotation, pose.rotation))
         return above(pose, min(clearance_m, steepness * max(0.0, aside - play_m) + 0.15 * max(0.0, turn - 0.05)))
 
-    arrived, stall, tired = near(grasp, play_m, math.radians(3)), Stall(), Patience(_PATIENCE_STEPS)
+    arrived, stall, tired = near(grasp, play_m, math.radians(3)), Stall(), Patience()
     return reach(scene, goal, OPEN, pace, lambda scene: arrived(scene) or stall(scene) or tired(scene), phase)
 
 
@@ -148,7 +147,7 @@ class Stall:
 class Patience:
     """Test whether a skill has run for too long, and is better begun anew."""
 
-    def __init__(self, steps: int) -> None:
+    def __init__(self, steps: int = 150) -> None:
         """Wait for so many steps."""
         self._left = steps
 
