@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from juicer.geometry import quat_to_matrix
-from juicer.sim.scene import FENCE_CORNER_XY
+from juicer.sim.scene import home_xy
 from juicer.tasks.specification import AssemblyPair, AssemblyTask, Joint
 
 POSITION_TOLERANCE_M = 0.005
@@ -89,9 +89,7 @@ class BaseProgress:
 
     def __init__(self, task: AssemblyTask) -> None:
         """Prepare for ``task``."""
-        # A part in the corner has its outer faces at the fence's inner faces.
-        width, depth = task.parts[0].footprint
-        self._home_x, self._home_y = FENCE_CORNER_XY[0] - width / 2, FENCE_CORNER_XY[1] - depth / 2
+        self._home_x, self._home_y = home_xy(task.parts[0])
 
     def is_placed(self, positions: Array) -> bool:
         """Whether it is in the corner.

@@ -12,7 +12,7 @@ import numpy as np
 from juicer.sim.contacts import FIXTURE, TABLE
 from juicer.sim.panda import END_EFFECTOR_Z, HAND_BODY, add_panda
 from juicer.sim.parts import add_part
-from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask
+from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask, PartSpec
 
 TIMESTEP_S = 0.002
 FRONT_CAMERA, WRIST_CAMERA = "front", "wrist"
@@ -27,6 +27,12 @@ FENCE = (
 _FENCE_HALF_HEIGHT = 0.015
 FENCE_CORNER_XY = (0.6715, 0.165)
 """Where the inner faces of the front and the left bar meet [m]."""
+
+
+def home_xy(part: PartSpec) -> tuple[float, float]:
+    """Centre of a part whose outer faces lie at the inner faces of the fence's corner, not turned [m]."""
+    width, depth = part.footprint
+    return FENCE_CORNER_XY[0] - width / 2, FENCE_CORNER_XY[1] - depth / 2
 
 
 def build_spec(task: AssemblyTask) -> mujoco.MjSpec:

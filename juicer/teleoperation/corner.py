@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from juicer.sim.scene import FENCE_CORNER_XY
+from juicer.sim.scene import home_xy
 from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask
 from juicer.teleoperation.handling import Habits
 from juicer.teleoperation.pair_view import OPEN_SHARE, downward
@@ -61,7 +61,7 @@ class Corner:
         self._handling = BASE_HANDLINGS[base.name]
         self._habits = habits
         self._open_width_m = OPEN_SHARE * task.gripper_width_m
-        self.home_xy = np.array(FENCE_CORNER_XY) - np.array(base.footprint) / 2
+        self.home_xy = np.array(home_xy(base))
 
     def yaw(self, scene: Scene) -> float:
         """How far the part is turned from how it shall lie [rad]."""
