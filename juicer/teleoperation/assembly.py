@@ -43,7 +43,7 @@ class AssemblyOperator:
         """Work for ever; whoever listens stops when the task is done."""
         busy_with = self._mountings[0]
         while True:
-            mounting = next((each for each in self._mountings if not each.view.is_seated(scene)), self._mountings[-1])
+            mounting = next((each for each in self._mountings if self._is_to_be_done(each, scene)), self._mountings[-1])
             if mounting is not busy_with:
                 busy_with = mounting
                 scene = yield from rise(scene, _BETWEEN_PARTS_M, OPEN, self._habits.pace, "rise")
@@ -52,3 +52,10 @@ class AssemblyOperator:
                 scene = yield from mounting.step(scene)
             else:
                 scene = yield from self._corner.push_home(scene)
+
+    def _is_to_be_done(self, mounting: Mounting, scene: Scene) -> bool:
+        """Whether a part is not mounted yet; one that has come loose under another is screwed home along with that."""
+        covered = any(
+            other.view.mate_index == mounting.view.part_index and other.is_begun(scene) for other in self._mountings
+        )
+        return not covered and not mounting.view.is_seated(scene)

@@ -179,7 +179,8 @@ class Mounting:
             return arrived(scene) or stall(scene) or not self.view.is_held(scene)
 
         arrived, stall = near(place, 0.02, math.pi), Stall()
-        scene = yield from rise(scene, self._habits.via[2], CLOSE, pace, phase)
+        over_the_seat = float(scene.hand.position[2]) + self.view.clear_m - self.view.seat(scene).height_m
+        scene = yield from rise(scene, max(self._habits.via[2], over_the_seat), CLOSE, pace, phase)
         scene = yield from reach(scene, place, CLOSE, pace, back, phase)
         return (yield from self._leave(scene, phase))
 

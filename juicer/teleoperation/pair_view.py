@@ -60,7 +60,7 @@ class PairView:
     def __init__(self, task: AssemblyTask, pair_index: int, handling: Handling) -> None:
         """Look at a pair of ``task``."""
         pair = task.pairs[pair_index]
-        self.part_index, self._mate = pair.second, pair.first
+        self.part_index, self.mate_index = pair.second, pair.first
         self.label, self._any_rotation = pair.label, pair.any_rotation
         self.handling = handling
         self._target = pose_of(pair.targets[pair.operator_target])
@@ -76,7 +76,7 @@ class PairView:
 
     def seat_pose(self, scene: Scene) -> Pose:
         """Pose of the part once it is mounted."""
-        return scene.part(self._mate) @ self._target
+        return scene.part(self.mate_index) @ self._target
 
     def seat(self, scene: Scene) -> Seat:
         """How the part stands to its seat."""

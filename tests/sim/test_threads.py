@@ -62,8 +62,9 @@ def test_turning_clockwise_screws_a_part_home_and_turning_back_lifts_it(part_ove
     before = scene.env._info()["parts_assembled"]
     scene.lower(14)
     scene.release()
+    # FurnitureBench's success test forgives 5 mm; the thread leads on to the seat.
     for _ in range(9):
-        if scene.env._info()["parts_assembled"] > before:
+        if scene.env._info()["parts_assembled"] > before and scene.part()[0] < 0.002:
             break
         scene.turn(np.deg2rad(-95))
     assert scene.env._info()["parts_assembled"] == before + 1
