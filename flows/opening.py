@@ -21,6 +21,7 @@ DELIVERY_SECONDS = 60.0
 """How long the end of a run may wait for MLflow."""
 
 Performer = Callable[[StageCall, Session], ArtifactRef]
+Sender = Callable[[StageCall, Session], None]
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,7 @@ def opened(
     config: RunConfig | None,
     perform: Performer = perform_here,
     *,
+    send: Sender | None = None,
     forced: frozenset[str] = frozenset(),
 ) -> Iterator[Opened]:
     """Everything a run needs, for the length of a block; what was recorded is delivered at its end.
@@ -57,6 +59,7 @@ def opened(
         settings: Facts about this machine.
         config: The run to be recorded; none records nothing.
         perform: How stage calls are run.
+        send: Has them run on another machine.
         forced: Stages that are recomputed even if their artifact is in the store.
     """
     store = open_store(settings)
@@ -69,6 +72,7 @@ def opened(
             num_envs=settings.num_envs,
             device=settings.device,
             isolate=True,
+            send=send,
             forced=forced,
         )
         if config is None or not settings.tracks:

@@ -13,19 +13,25 @@ from flows.execution import RunOutcome, execute
 from flows.opening import expect, opened
 from flows.plan import plan
 from flows.settings import read_settings
+from flows.spread import send
 from juicer.artifacts.store import ArtifactStore
 from stages.prefect_task import PrefectPerformer
+
+STAGES_ELSEWHERE = 256
+"""Stages that other machines work on at the same time; here, each is a thread that waits."""
 
 
 def task_runner() -> TaskRunner[PrefectFuture[Any]]:
     """As many stages at a time as this machine's settings allow; each works in a process of its own."""
-    runner: Any = ThreadPoolTaskRunner(max_workers=read_settings().workers)
+    settings = read_settings()
+    runner: Any = ThreadPoolTaskRunner(max_workers=STAGES_ELSEWHERE if settings.spread else settings.workers)
     return cast("TaskRunner[PrefectFuture[Any]]", runner)
 
 
 def run(config: RunConfig) -> RunOutcome:
     """Run a configuration within a Prefect flow run."""
-    with opened(read_settings(), config, PrefectPerformer()) as surroundings:
+    settings = read_settings()
+    with opened(settings, config, PrefectPerformer(), send=send if settings.spread else None) as surroundings:
         store = surroundings.session.store
         expect(surroundings, plan(store, config))
         outcome = execute(surroundings.session, config, surroundings.tracking)

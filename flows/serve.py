@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 from flows.commands.output import say
 from flows.environment import API_VARIABLE, prepare_environment
-from flows.settings import read_settings
+from flows.settings import PREFIX, read_settings
 from juicer.errors import ServiceUnavailable
+
+SPREAD_VARIABLE = f"{PREFIX}SPREAD"
 
 
 def serve_flows() -> None:
@@ -16,16 +19,22 @@ def serve_flows() -> None:
     Raises:
         ServiceUnavailable: If no Prefect server is running.
     """
-    if not prepare_environment(read_settings()):
+    settings = read_settings()
+    if not prepare_environment(settings):
         raise ServiceUnavailable(f"deployments need a Prefect server; start one with `juicer ui` or set {API_VARIABLE}")
+    # Whoever serves does not send on: two machines would wait for each other.
+    os.environ[SPREAD_VARIABLE] = "false"
     from prefect import serve
 
     from flows.collect_infer import collect_infer
+    from flows.make import make
     from flows.single_stage import single_stage
+    from flows.spread import DEPLOYMENT
     from flows.study import study
     from stages.names import STAGES
 
     deployments: list[Any] = [
+        make.to_deployment(DEPLOYMENT, description="Stages of runs on other machines.", tags=["juicer"]),
         collect_infer.to_deployment("loop", description="The whole loop for one model.", tags=["juicer"]),
         study.to_deployment("study", description="Conditions times seeds, compared.", tags=["juicer"]),
         *(
@@ -36,6 +45,8 @@ def serve_flows() -> None:
         ),
     ]
     for deployment in deployments:
+        # `serve` does so too, but only after the last word: whoever reads that may rely on it.
+        deployment.apply()
         say(f"{deployment.flow_name}/{deployment.name}")
     say("waiting for runs; start one with `prefect deployment run collect_infer/loop`, Ctrl-C ends")
-    serve(*deployments, print_starting_message=False)
+    serve(*deployments, print_starting_message=False, limit=settings.workers)

@@ -25,6 +25,7 @@ class Settings(BaseSettings):
         store: Artifact store, a folder or an fsspec URL such as ``s3://bucket/juicer``; ``data`` if empty.
         tracking_uri: MLflow tracking address; a SQLite file in ``data`` if empty, ``none`` to track nothing.
         workers: Stages that run at the same time.
+        spread: Whether stages run on the machines that serve them (``juicer serve``) instead of this one.
         num_envs: Simulated environments that a rollout steps side by side.
         device: Torch device that policies are trained on, e.g. ``cuda``.
         startup_seconds: How long a Prefect or MLflow server may take to answer after its start.
@@ -36,6 +37,7 @@ class Settings(BaseSettings):
     store: str = ""
     tracking_uri: str = ""
     workers: int = Field(default=2, ge=1)
+    spread: bool = False
     num_envs: int = Field(default=16, ge=1)
     device: str = "cpu"
     startup_seconds: int = Field(default=120, ge=1)

@@ -118,6 +118,7 @@ class Session:
         num_envs: Simulated environments a rollout steps side by side.
         device: Torch device that policies are trained on.
         isolate: Whether each stage body gets a process of its own.
+        send: Has an artifact made on another machine that shares the store; none if all are made here.
         label: Which condition, seed and round the calls are for.
         forced: Names of stages that are recomputed even if their artifact is in the store.
         stop: Set when the user asked for an end.
@@ -132,6 +133,7 @@ class Session:
     num_envs: int = 8
     device: str = "cpu"
     isolate: bool = False
+    send: Callable[[StageCall, Session], None] | None = None
     label: str = ""
     forced: frozenset[str] = frozenset()
     stop: threading.Event = field(default_factory=threading.Event)

@@ -168,14 +168,24 @@ class StageCall:
         if found is not None:
             return self._finish(session, Finished(found, reused=True))
         try:
-            with session.store.create(self.recipe) as draft:
-                if not draft.adopted:
-                    self._fill(session, draft)
+            adopted = self._make(session)
         except BaseException as error:
             state = "stopped" if isinstance(error, StageInterrupted) else "failed"
             session.display.finished(stage, label, state, {"reason": str(error)})
             raise
-        return self._finish(session, Finished(draft.ref, reused=draft.adopted))
+        return self._finish(session, Finished(self.recipe.ref, reused=adopted))
+
+    def _make(self, session: Session) -> bool:
+        """Have the artifact made; returns whether somebody else has made it in the meantime."""
+        # Files from outside the store are on this machine only.
+        if session.send is not None and not self.recipe.files:
+            session.display.started(self.stage.name, session.label)
+            session.send(self, session)
+            return False
+        with session.store.create(self.recipe) as draft:
+            if not draft.adopted:
+                self._fill(session, draft)
+        return draft.adopted
 
     def _fill(self, session: Session, draft: Draft) -> None:
         listener = session.display.started(self.stage.name, session.label)

@@ -46,6 +46,10 @@ def run_flow(path: Path, overrides: Sequence[str], part: Part, as_json: bool) ->
     has_server = prepare_environment(settings)
     from flows.opening import open_store
 
+    if settings.spread and not has_server:
+        raise ServiceUnavailable(
+            f"stages elsewhere need a Prefect server that all machines reach; set {API_VARIABLE} or unset JUICER_SPREAD"
+        )
     configs = _load(path, overrides, part)
     store = open_store(settings)
     outcomes = []

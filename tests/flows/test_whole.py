@@ -9,13 +9,21 @@ import sqlite3
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from prefect.settings import PREFECT_API_URL, temporary_settings
 
 from flows.environment import API_VARIABLE, DATABASE_VARIABLE, quiet_environment
 from flows.settings import read_settings
+from flows.spread import send
 from flows.temporary_server import TemporaryServer
+from juicer.artifacts.store import ArtifactStore
+from juicer.errors import ArtifactError
+from stages.record import RecordConfig, record
+from stages.session import Session
+from stages.stage import StageCall
 
 SMOKE = Path(__file__).parents[2] / "configs" / "smoke.yaml"
 # A policy that learned for seconds succeeds at nothing: what follows a selection is tried with the stages themselves.
@@ -133,3 +141,33 @@ def test_damaged_checkpoint_is_repaired(data, first):
     finish(juicer(data, "repair", checkpoint))
     assert weights.read_bytes() == whole
     finish(juicer(data, "evaluate", checkpoint, "-n", "1", "--seed-start", "9"))
+
+
+@pytest.fixture(scope="module")
+def serving(data, server):
+    """A machine that runs the stages of others, and a session that sends them."""
+    process = juicer(data, "serve", server=server)
+    for line in process.stdout:
+        if line.startswith("waiting for runs"):
+            break
+    else:
+        pytest.fail(process.stderr.read())
+    with temporary_settings({PREFECT_API_URL: server}):
+        yield Session(ArtifactStore(data), send=send, label="bc seed 0")
+    os.killpg(process.pid, signal.SIGINT)
+    process.communicate(timeout=60)
+
+
+RECORDING = record.prepare(config=RecordConfig(demonstrations=1, first=50))
+
+
+def test_a_stage_runs_on_the_machine_that_serves_stages(serving):
+    finished = RECORDING.execute(serving)
+    assert not finished.reused
+    assert serving.store.manifest(finished.ref).summary["successes"] == 1
+
+
+def test_a_machine_with_another_juicer_declines(serving):
+    asked = StageCall(record, RECORDING.arguments, replace(RECORDING.recipe, code="of yesterday"))
+    with pytest.raises(ArtifactError, match=r"another juicer than the one that asks: .*code"):
+        asked.execute(serving)
