@@ -52,17 +52,26 @@ class UnchunkedConfig(TrainConfig):
 
 
 class PoliciesConfig(StrictConfig):
-    """The three policies of the paper's comparison, and how each is trained."""
+    """The three policies of the paper's comparison, and how each is trained.
+
+    Attributes:
+        diffusion: The method's own policy.
+        mlp_chunked: The regression baseline that predicts chunks.
+        mlp_unchunked: The regression baseline that predicts one action at a time.
+        multitask: The policy for several tasks; a file about several trains it like ``diffusion`` if it is left out.
+    """
 
     diffusion: TrainConfig = TrainConfig()
     mlp_chunked: ChunkedConfig = ChunkedConfig()
     mlp_unchunked: UnchunkedConfig = UnchunkedConfig()
+    multitask: TrainConfig | None = None
 
     @model_validator(mode="after")
     def _are_what_they_are_called(self) -> Self:
-        for name, kind in (("diffusion", "diffusion"), ("mlp_chunked", "mlp"), ("mlp_unchunked", "mlp")):
-            found = getattr(self, name).policy.head.kind
-            if found != kind:
+        kinds = {"diffusion": "diffusion", "mlp_chunked": "mlp", "mlp_unchunked": "mlp", "multitask": "diffusion"}
+        for name, kind in kinds.items():
+            config: TrainConfig | None = getattr(self, name)
+            if config is not None and (found := config.policy.head.kind) != kind:
                 raise ValueError(f"{name}.policy.head must be of kind '{kind}', got '{found}'")
         if self.mlp_unchunked.policy.horizons.pred != 1:
             raise ValueError("mlp_unchunked.policy.horizons.pred must be 1; that is what unchunked means")
@@ -132,6 +141,11 @@ class LoopConfig(StrictConfig):
         if method.adds_noise:
             training = training.model_copy(update={"state_noise": self.state_noise})
         return config.model_copy(update={"training": training, "seed": config.seed + seed})
+
+    def mixed_training(self, seed: int) -> TrainConfig:
+        """How the model of a seed for several tasks is trained."""
+        config = self.train.multitask or self.train.diffusion
+        return config.model_copy(update={"seed": config.seed + seed})
 
     def collection(self, seed: int, round_index: int) -> CollectConfig:
         """Rollouts of a turn; every model and turn starts from initial states of its own."""
@@ -251,11 +265,15 @@ def _each_task(content: dict[str, Any], origin: str) -> list[dict[str, Any]]:
     own = dict.fromkeys(tasks) if isinstance(tasks, list) else tasks
     if not isinstance(own, dict) or not own or "task" in content:
         raise ConfigError(f"{origin}: 'tasks' must list tasks, or map them to what differs for each, without 'task'")
-    name = content.get("name", "juicer")
+    name, mixes = content.get("name", "juicer"), Condition.MULTITASK in content.get("conditions", ())
+    if mixes:
+        # Settled before the tasks have their say: it is one model, whichever of them asks for it.
+        policies = content.get("train", {})
+        content = content | {"train": {"multitask": policies.get("diffusion", {}), **policies}}
     each = [
         _merge(content, {"name": f"{name}_{task}", **(of_task or {}), "task": task}) for task, of_task in own.items()
     ]
-    if Condition.MULTITASK in content.get("conditions", ()):
+    if mixes:
         loops = {
             entry["task"]: {key: value for key, value in entry.items() if key in LoopConfig.model_fields}
             for entry in each

@@ -20,7 +20,7 @@ from stages.memorise import memorise
 from stages.record import record
 from stages.select import select
 from stages.session import Session
-from stages.train import train
+from stages.train import TrainConfig, train
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def run_model(session: Session, config: LoopConfig, condition: Condition, seed: 
     else:
         data = _gather(session, config, condition, seed)
         session = data.session
-        checkpoint = _train(session, config, condition, seed, [data])
+        checkpoint = _train(session, config.training(condition, seed), [data])
         if data.finding:
             return ModelOutcome(condition, seed, checkpoint, finding=data.finding)
     evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluate)
@@ -83,22 +83,20 @@ def _run_mixed(session: Session, config: LoopConfig, condition: Condition, seed:
         task: _gather(session.for_model(f"{session.label} {task}", session.record), loop, condition, seed)
         for task, loop in config.mix.items()
     }
-    checkpoint = _train(session, config, condition, seed, gathered.values())
+    checkpoint = _train(session, config.mixed_training(seed), gathered.values())
     evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluate)
     findings = (f"{task}: {data.finding}" for task, data in gathered.items() if data.finding)
     return ModelOutcome(condition, seed, checkpoint, evaluation, "; ".join(findings))
 
 
-def _train(
-    session: Session, config: LoopConfig, condition: Condition, seed: int, gathered: Iterable[_Data]
-) -> ArtifactRef:
+def _train(session: Session, config: TrainConfig, gathered: Iterable[_Data]) -> ArtifactRef:
     """The last model, trained on all that was gathered."""
     gathered = tuple(gathered)
     return train(
         session,
         episodes=tuple(ref for data in gathered for ref in data.episodes),
         selections=tuple(ref for data in gathered for ref in data.selections),
-        config=config.training(condition, seed),
+        config=config,
     )
 
 

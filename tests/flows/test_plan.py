@@ -87,7 +87,10 @@ def test_logs_of_a_human_take_the_place_of_the_scripted_operator(store, tmp_path
 def mixed(tmp_path):
     """A study of one_leg and one of lamp, each with a model for both."""
     path = tmp_path / "tasks.yaml"
-    path.write_text("flow: study\nconditions: [ta_ci, multitask]\nseeds: [0]\ntasks: [one_leg, lamp]\n")
+    lamp = "{train: {diffusion: {training: {steps: 16000}}}}"
+    path.write_text(
+        f"flow: study\nconditions: [ta_ci, multitask]\nseeds: [0]\ntasks: {{one_leg: {{}}, lamp: {lamp}}}\n"
+    )
     return load_runs(path)
 
 
