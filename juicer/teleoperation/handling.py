@@ -62,7 +62,7 @@ HANDLINGS = {
     ),
     "lamp_bulb": Handling(
         (0.030, 0.060, 0.030), 0.038, 0.0595, 0.038, 0.0595,
-        flat_every_rad=math.pi / 36, pick_below_m=0.008, is_ball=True,
+        flat_every_rad=math.pi / 36, pick_below_m=0.008, pick_play_m=0.003, is_ball=True,
     ),
 }  # fmt: skip
 """By name of the part."""

@@ -43,6 +43,7 @@ _ON_BEADS_M, _DOWN_M = 0.018, 0.004
 _SINK_M = 0.020
 _ALIGNED_M = 0.0025
 _CAUGHT_M = 0.007
+_ASTRAY = 2.0
 _UPRIGHT_RAD, _LEANS_FAR_RAD = math.radians(12), math.radians(12)
 _CLEAR_OF_PART_M = 0.06
 _AWAY_M = 0.05
@@ -238,7 +239,8 @@ class Mounting:
         if seat.height_m < self.view.depth_m + _INSIDE_M:
             tolerance = _CAUGHT_M
         error = seat.aside_m + 0.05 * seat.lean_rad
-        sink = min(max(2.0 * (1.0 - error / tolerance), -1.0), 1.0)
+        # A hand that rises for every millimetre teaches policies to hover: it waits, unless it has gone far astray.
+        sink = -1.0 if error > _ASTRAY * tolerance else min(max(2.0 * (1.0 - error / tolerance), 0.0), 1.0)
         height = min(seat.height_m - _SINK_M * sink, self.view.clear_m)
         goal = Pose(self.view.seat_point(scene, height), self.view.upright(scene))
         return holding(scene, self.view.part(scene), goal)
