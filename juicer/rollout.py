@@ -25,6 +25,11 @@ class Policy(Protocol):
     """Anything that turns observations into action chunks."""
 
     @property
+    def obs_horizon(self) -> int:
+        """Observations that it is shown (T_o), the last of which is the present one."""
+        ...
+
+    @property
     def action_horizon(self) -> int:
         """Actions of a chunk that are executed before the next one is asked for (T_a)."""
         ...
@@ -32,7 +37,7 @@ class Policy(Protocol):
     def predict(
         self, observations: Mapping[str, NDArray[np.float32]], streams: Sequence[np.random.Generator]
     ) -> NDArray[np.floating[Any]]:
-        """Action chunks ``(N, at least T_a, 10)``, absolute, for observations ``(N, ...)``.
+        """Action chunks ``(N, at least T_a, 10)``, absolute, for observations ``(N, T_o, ...)``.
 
         A row must depend on its own observation and its own stream only, never on N or its neighbours.
         """
@@ -167,7 +172,8 @@ def _run(
 def _predict(policy: Policy, running: Sequence[_RunningEpisode]) -> NDArray[np.floating[Any]]:
     """One chunk of ``action_horizon`` actions for every running episode: ``(N, T_a, 10)``."""
     observations = {
-        name: np.stack([episode.recorder.observation[name] for episode in running]) for name in OBSERVATION_KEYS
+        name: np.stack([episode.recorder.recent(name, policy.obs_horizon) for episode in running])
+        for name in OBSERVATION_KEYS
     }
     chunks = policy.predict(observations, [episode.noise for episode in running])
     horizon = policy.action_horizon

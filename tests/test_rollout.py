@@ -17,7 +17,7 @@ from juicer.sim.env import AssemblyEnv
 class Wanderer:
     """Moves about where it is, with noise from each episode's own stream."""
 
-    action_horizon = 3
+    obs_horizon, action_horizon = 1, 3
 
     def __init__(self) -> None:
         self.rows: list[int] = []
@@ -25,7 +25,7 @@ class Wanderer:
     def predict(
         self, observations: Mapping[str, NDArray[np.float32]], streams: Sequence[np.random.Generator]
     ) -> NDArray[np.float64]:
-        proprioception = observations["proprioception"]
+        proprioception = observations["proprioception"][:, -1]
         self.rows.append(len(proprioception))
         chunks = np.repeat(np.append(proprioception[:, :9], np.ones((len(streams), 1)), axis=1)[:, None], 4, axis=1)
         for chunk, noise in zip(chunks, streams, strict=True):
@@ -172,6 +172,27 @@ def test_a_policy_whose_chunks_are_too_short_is_refused():
 
     with pytest.raises(InvalidAction, match=r"at least 5, 10"):
         list(rollout(Hasty(), "one_leg", "low", [1], num_envs=1))
+
+
+def test_a_policy_sees_as_many_observations_as_it_wants_the_first_repeated_before_it():
+    class Historian(Wanderer):
+        obs_horizon = 5
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.seen: list[NDArray[np.float32]] = []
+
+        def predict(
+            self, observations: Mapping[str, NDArray[np.float32]], streams: Sequence[np.random.Generator]
+        ) -> NDArray[np.float64]:
+            self.seen.append(observations["part_poses"][0])
+            return super().predict(observations, streams)
+
+    policy = Historian()
+    (episode,) = rollout(policy, "one_leg", "low", [1], num_envs=1, max_steps=8)
+    shown = episode.steps["part_poses"]
+    for turn, history in zip((0, 3, 6), policy.seen, strict=True):
+        np.testing.assert_array_equal(history, shown[np.clip(np.arange(turn - 4, turn + 1), 0, None)])
 
 
 def test_rollout_needs_an_environment():

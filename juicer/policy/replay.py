@@ -46,6 +46,11 @@ class ReplayPolicy:
         self._steps = steps
 
     @property
+    def obs_horizon(self) -> int:
+        """One: where the parts lie at the first step."""
+        return 1
+
+    @property
     def action_horizon(self) -> int:
         """Steps of an episode."""
         return self._steps
@@ -54,7 +59,7 @@ class ReplayPolicy:
         self, observations: Mapping[str, NDArray[Any]], streams: Sequence[np.random.Generator]
     ) -> NDArray[np.float32]:
         """Actions ``(N, steps, 10)``, absolute, for episodes at their first step; no noise is drawn."""
-        return np.stack([self._padded(self._nearest(poses)) for poses in observations["part_poses"]])
+        return np.stack([self._padded(self._nearest(poses)) for poses in observations["part_poses"][:, -1]])
 
     def _nearest(self, poses: NDArray[Any]) -> int:
         parts = self._parts

@@ -26,7 +26,7 @@ def policy():
 
 
 def play(policy, *rows):
-    return policy.predict({"part_poses": np.stack(rows)}, [np.random.default_rng(0)] * len(rows))
+    return policy.predict({"part_poses": np.stack(rows)[:, None]}, [np.random.default_rng(0)] * len(rows))
 
 
 def test_nearest_demonstration_is_played_and_its_last_action_held(policy):
