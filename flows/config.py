@@ -19,20 +19,13 @@ from juicer.training.config import OriginalStateNoise, PhysicalStateNoise, Train
 from stages.augment import AugmentConfig
 from stages.collect import CollectConfig
 from stages.evaluate import EvaluateConfig
-from stages.memorise import MemoriseConfig
 from stages.record import RecordConfig
 from stages.select import SelectConfig
 from stages.train import TrainConfig
 
 BASE_KEY, TASKS_KEY = "base", "tasks"
 _SCENE = {
-    "task": (
-        "record",
-        "ingest",
-        "memorise",
-        "collect",
-        "evaluate",
-    ),
+    "task": ("record", "ingest", "collect", "evaluate"),
     "randomness": ("record", "collect", "evaluate"),
 }
 """Sections that take over a value of the top level unless they set their own."""
@@ -92,7 +85,6 @@ class LoopConfig(StrictConfig):
         annotate: How critical states are proposed.
         augment: Corrective episodes of the first training.
         augment_retraining: The same for retraining, if it differs (the paper's one_leg: 50, and then 150).
-        memorise: The baseline that replays demonstrations.
         train: The policies.
         state_noise: What the condition of that name adds to observed states.
         rounds: Turns of collect, select, train in the conditions that collect.
@@ -112,7 +104,6 @@ class LoopConfig(StrictConfig):
     annotate: AnnotationConfig = AnnotationConfig()
     augment: AugmentConfig = AugmentConfig()
     augment_retraining: AugmentConfig | None = None
-    memorise: MemoriseConfig = MemoriseConfig()
     train: PoliciesConfig = PoliciesConfig()
     state_noise: Annotated[PhysicalStateNoise | OriginalStateNoise, Field(discriminator="kind")] = PhysicalStateNoise()
     rounds: int = Field(default=1, gt=0, le=100)

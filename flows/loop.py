@@ -16,7 +16,7 @@ from stages.augment import AugmentConfig, augment
 from stages.collect import collect
 from stages.evaluate import evaluate
 from stages.ingest import ingest
-from stages.memorise import memorise
+from stages.memorise import MemoriseConfig, memorise
 from stages.record import record
 from stages.select import select
 from stages.session import Session
@@ -66,7 +66,7 @@ def run_model(session: Session, config: LoopConfig, condition: Condition, seed: 
         return _run_mixed(session, config, condition, seed)
     if method.replays:
         demonstrations = get_demonstrations(session, config)
-        checkpoint = memorise(session, episodes=demonstrations, config=config.memorise)
+        checkpoint = memorise(session, episodes=demonstrations, config=MemoriseConfig())
     else:
         data = _gather(session, config, condition, seed)
         session = data.session

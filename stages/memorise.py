@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from pydantic import Field
 
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
@@ -14,16 +13,14 @@ from stages.stage import StageContext, stage
 
 
 class MemoriseConfig(StrictConfig):
-    """What the demonstrations are of."""
-
-    task: str = Field(default="one_leg", description="assembly task")
+    """Nothing to choose: the demonstrations say themselves what they are of."""
 
 
 @stage(kind="checkpoint", inputs={"episodes": "episodes"}, libraries=("numpy",))
 def memorise(context: StageContext, *, episodes: ArtifactRef, config: MemoriseConfig) -> None:
     """Keep the demonstrations' actions as a policy that plays them open loop."""
-    task = get_task(config.task)
     reader = EpisodeReader(context.store.open(episodes, "episodes"))
+    task = get_task(reader.records[0].task)
     starts = reader.episode_ends - reader.lengths
     parts = sorted({part for pair in task.pairs for part in (pair.first, pair.second)})
     actions = np.split(reader.steps("action"), starts[1:])
