@@ -133,9 +133,11 @@ class LoopConfig(StrictConfig):
             training = training.model_copy(update={"state_noise": self.state_noise})
         return config.model_copy(update={"training": training, "seed": config.seed + seed})
 
-    def mixed_training(self, seed: int) -> TrainConfig:
-        """How the model of a seed for several tasks is trained."""
-        config = self.train.multitask or self.train.diffusion
+    def final_training(self, condition: Condition, seed: int) -> TrainConfig:
+        """The same for the model that is evaluated, which may be one for several tasks."""
+        config = self.train.multitask
+        if config is None or not METHODS[condition].mixes:
+            return self.training(condition, seed)
         return config.model_copy(update={"seed": config.seed + seed})
 
     def collection(self, seed: int, round_index: int) -> CollectConfig:
@@ -260,7 +262,9 @@ def _each_task(content: dict[str, Any], origin: str) -> list[dict[str, Any]]:
     if mixes:
         # Settled before the tasks have their say: it is one model, whichever of them asks for it.
         policies = content.get("train", {})
-        content = content | {"train": {"multitask": policies.get("diffusion", {}), **policies}}
+        if isinstance(policies, dict):
+            one = policies.get("multitask") or policies.get("diffusion", {})
+            content = content | {"train": policies | {"multitask": one}}
     each = [
         _merge(content, {"name": f"{name}_{task}", **(of_task or {}), "task": task}) for task, of_task in own.items()
     ]

@@ -70,7 +70,7 @@ def run_model(session: Session, config: LoopConfig, condition: Condition, seed: 
     else:
         data = _gather(session, config, condition, seed)
         session = data.session
-        checkpoint = _train(session, config.training(condition, seed), [data])
+        checkpoint = _train(session, config.final_training(condition, seed), [data])
         if data.finding:
             return ModelOutcome(condition, seed, checkpoint, finding=data.finding)
     evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluate)
@@ -83,7 +83,7 @@ def _run_mixed(session: Session, config: LoopConfig, condition: Condition, seed:
         task: _gather(session.for_model(f"{session.label} {task}", session.record), loop, condition, seed)
         for task, loop in config.mix.items()
     }
-    checkpoint = _train(session, config.mixed_training(seed), gathered.values())
+    checkpoint = _train(session, config.final_training(condition, seed), gathered.values())
     evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluate)
     findings = (f"{task}: {data.finding}" for task, data in gathered.items() if data.finding)
     return ModelOutcome(condition, seed, checkpoint, evaluation, "; ".join(findings))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 from typing import Any
 
 from prefect import flow
@@ -14,7 +15,7 @@ from flows.run import task_runner
 from flows.settings import read_settings
 from flows.spread import MAKE, failure_message
 from juicer.artifacts.recipe import Recipe
-from juicer.errors import ArtifactError, JuicerError
+from juicer.errors import ArtifactError, ConfigError, JuicerError, NothingLeft
 from stages.prefect_task import PrefectPerformer
 from stages.stage import StageCall
 
@@ -23,19 +24,22 @@ from stages.stage import StageCall
 def make(recipe: dict[str, Any], label: str = "") -> State[Any]:
     """Make the artifact of a recipe, unless it is in the store."""
     try:
-        call = _call(Recipe.from_json(recipe))
+        call = _call(recipe)
         with opened(read_settings(), None, PrefectPerformer()) as surroundings:
             session = surroundings.session
             ref = session.perform(call, session.for_model(label, session.record))
+    except NothingLeft as finding:
+        # What data lack, they lack anywhere; it is reported, and reports are the same wherever they are made.
+        return Failed(message=failure_message(finding))
     except JuicerError as error:
-        return Failed(message=failure_message(error))
+        return Failed(message=failure_message(error, platform.node()))
     return Completed(message=str(ref))
 
 
-def _call(recipe: Recipe) -> StageCall:
+def _call(recipe: dict[str, Any]) -> StageCall:
     try:
-        return rebuild_call(recipe, None)
-    except ArtifactError as error:
+        return rebuild_call(Recipe.from_json(recipe), None)
+    except (ArtifactError, ConfigError, ValueError, KeyError, TypeError) as error:
         raise ArtifactError(
-            f"a machine that serves stages has another juicer than the one that asks: {error}"
+            f"a machine that serves stages has another juicer, or other libraries, than the one that asks: {error}"
         ) from None

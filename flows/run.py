@@ -13,7 +13,7 @@ from flows.execution import RunOutcome, execute
 from flows.opening import expect, opened
 from flows.plan import plan
 from flows.settings import read_settings
-from flows.spread import send
+from flows.spread import sender
 from juicer.artifacts.store import ArtifactStore
 from stages.prefect_task import PrefectPerformer
 
@@ -31,7 +31,7 @@ def task_runner() -> TaskRunner[PrefectFuture[Any]]:
 def run(config: RunConfig) -> RunOutcome:
     """Run a configuration within a Prefect flow run."""
     settings = read_settings()
-    with opened(settings, config, PrefectPerformer(), send=send if settings.spread else None) as surroundings:
+    with opened(settings, config, PrefectPerformer(), send=sender(settings)) as surroundings:
         store = surroundings.session.store
         expect(surroundings, plan(store, config))
         outcome = execute(surroundings.session, config, surroundings.tracking)

@@ -25,6 +25,7 @@ def serve_flows() -> None:
     # Whoever serves does not send on: two machines would wait for each other.
     os.environ[SPREAD_VARIABLE] = "false"
     from prefect import serve
+    from prefect.types.entrypoint import EntrypointType
 
     from flows.collect_infer import collect_infer
     from flows.make import make
@@ -33,13 +34,15 @@ def serve_flows() -> None:
     from flows.study import study
     from stages.names import STAGES
 
+    # Machines that serve share the deployments, but not the folder that juicer lies in.
+    common: Any = {"tags": ["juicer"], "entrypoint_type": EntrypointType.MODULE_PATH}
     deployments: list[Any] = [
-        make.to_deployment(DEPLOYMENT, description="Stages of runs on other machines.", tags=["juicer"]),
-        collect_infer.to_deployment("loop", description="The whole loop for one model.", tags=["juicer"]),
-        study.to_deployment("study", description="Conditions times seeds, compared.", tags=["juicer"]),
+        make.to_deployment(DEPLOYMENT, description="Stages of runs on other machines.", **common),
+        collect_infer.to_deployment("loop", description="The whole loop for one model.", **common),
+        study.to_deployment("study", description="Conditions times seeds, compared.", **common),
         *(
             single_stage.to_deployment(
-                name, parameters={"stage": name}, description=f"Stage '{name}' of a configuration.", tags=["juicer"]
+                name, parameters={"stage": name}, description=f"Stage '{name}' of a configuration.", **common
             )
             for name in STAGES
         ),
@@ -49,4 +52,5 @@ def serve_flows() -> None:
         deployment.apply()
         say(f"{deployment.flow_name}/{deployment.name}")
     say("waiting for runs; start one with `prefect deployment run collect_infer/loop`, Ctrl-C ends")
-    serve(*deployments, print_starting_message=False, limit=settings.workers)
+    # Schedules are the team's, and outlive the machine that leaves.
+    serve(*deployments, print_starting_message=False, pause_on_shutdown=False, limit=settings.workers)

@@ -25,7 +25,7 @@ class Settings(BaseSettings):
         store: Artifact store, a folder or an fsspec URL such as ``s3://bucket/juicer``; ``data`` if empty.
         tracking_uri: MLflow tracking address; a SQLite file in ``data`` if empty, ``none`` to track nothing.
         workers: Stages that run at the same time.
-        spread: Whether stages run on the machines that serve them (``juicer serve``) instead of this one.
+        spread: Whether the stages of flows run on the machines that serve them (``juicer serve``) instead of this one.
         num_envs: Simulated environments that a rollout steps side by side.
         device: Torch device that policies are trained on, e.g. ``cuda``.
         startup_seconds: How long a Prefect or MLflow server may take to answer after its start.

@@ -10,6 +10,7 @@ from flows.opening import expect, opened
 from flows.plan import ready_calls
 from flows.run import task_runner
 from flows.settings import read_settings
+from flows.spread import sender
 from stages.prefect_task import PrefectPerformer
 
 
@@ -23,7 +24,8 @@ def single_stage(
 ) -> list[str]:
     """Run every call of a stage that a configuration makes; with ``force`` even if its artifact is in the store."""
     forced = frozenset({stage}) if force else frozenset()
-    with opened(read_settings(), None, PrefectPerformer(), forced=forced) as surroundings:
+    settings = read_settings()
+    with opened(settings, None, PrefectPerformer(), send=sender(settings), forced=forced) as surroundings:
         chosen = ready_calls(surroundings.session.store, config.narrowed(condition, seed), stage)
         expect(surroundings, chosen)
         return [str(entry.perform(surroundings.session)) for entry in chosen]

@@ -36,7 +36,7 @@ class Tracking:
     def model(self, condition: Condition, seed: int) -> ModelRecord:
         """Record of one model."""
         trained = not METHODS[condition].replays
-        training = self._config.training(condition, seed).model_dump(mode="json") if trained else {}
+        training = self._config.final_training(condition, seed).model_dump(mode="json") if trained else {}
         description = RunDescription(
             experiment=self._config.name,
             name=f"{condition} seed {seed}",

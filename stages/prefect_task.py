@@ -65,6 +65,10 @@ class PrefectPerformer:
                 if session.stop.is_set():
                     raise StageInterrupted from None
                 raise
+            except BaseException:
+                # An interrupt reaches the thread that waits; the stage's own is to hear of it.
+                session.stop.set()
+                raise
             self._futures[ref] = future
             return ref
 

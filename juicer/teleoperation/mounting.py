@@ -50,6 +50,7 @@ _AWAY_M = 0.05
 _FINGER_PLAY_M = 0.008
 # Height from which a part is dropped to be grasped anew.
 _PUT_BACK_M = 0.07
+_HIGHEST_M = 0.30
 
 # Nearer to the robot than this, the wrist cannot bend as far: the hand has to stand more upright over the hole.
 _FAR_X_M, _TILT_RAD_M = 0.56, 6.5
@@ -181,7 +182,8 @@ class Mounting:
 
         arrived, stall = near(place, 0.02, math.pi), Stall()
         over_the_seat = float(scene.hand.position[2]) + self.view.clear_m - self.view.seat(scene).height_m
-        scene = yield from rise(scene, max(self._habits.via[2], over_the_seat), CLOSE, pace, phase)
+        height = max(self._habits.via[2], min(over_the_seat, _HIGHEST_M))
+        scene = yield from rise(scene, height, CLOSE, pace, phase)
         scene = yield from reach(scene, place, CLOSE, pace, back, phase)
         return (yield from self._leave(scene, phase))
 

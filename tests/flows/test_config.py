@@ -135,6 +135,15 @@ def test_a_file_may_be_about_several_tasks(tmp_path):
     assert StudyConfig.model_validate_json(first.model_dump_json()) == first
 
 
+def test_the_model_for_several_tasks_is_trained_alike_whoever_asks_for_it(tmp_path):
+    text = (
+        "flow: study\nconditions: [multitask]\ntrain: {diffusion: {training: {steps: 7000}}, multitask: null}\n"
+        "tasks: {one_leg: {}, lamp: {train: {diffusion: {training: {steps: 9000}}}}}\n"
+    )
+    trainings = [run.final_training(Condition.MULTITASK, 0) for run in load_runs(write(tmp_path, text))]
+    assert [training.training.steps for training in trainings] == [7000, 7000]
+
+
 def test_a_list_of_tasks_will_do(tmp_path):
     runs = load_runs(write(tmp_path, "flow: study\nconditions: [bc]\ntasks: [lamp, round_table]\n"))
     assert [run.task for run in runs] == ["lamp", "round_table"]
@@ -146,6 +155,7 @@ def test_a_list_of_tasks_will_do(tmp_path):
     [
         ("flow: study\nconditions: [multitask]\n", "needs several tasks"),
         ("flow: study\nconditions: [multitask]\ntasks: [lamp]\n", "needs several tasks"),
+        ("flow: study\nconditions: [multitask]\ntrain: 3\ntasks: [lamp, one_leg]\n", "train"),
         ("tasks: []\n", "'tasks' must list tasks"),
         ("task: lamp\ntasks: [lamp]\n", "without 'task'"),
         ("tasks: {lamp: {roundz: 3}}\n", "rounds"),

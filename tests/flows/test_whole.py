@@ -16,11 +16,12 @@ import pytest
 from prefect.settings import PREFECT_API_URL, temporary_settings
 
 from flows.environment import API_VARIABLE, DATABASE_VARIABLE, quiet_environment
+from flows.make import make
 from flows.settings import read_settings
-from flows.spread import send
+from flows.spread import DEPLOYMENT, send
 from flows.temporary_server import TemporaryServer
 from juicer.artifacts.store import ArtifactStore
-from juicer.errors import ArtifactError
+from juicer.errors import ArtifactError, ServiceUnavailable
 from stages.record import RecordConfig, record
 from stages.session import Session
 from stages.stage import StageCall
@@ -143,6 +144,17 @@ def test_damaged_checkpoint_is_repaired(data, first):
     finish(juicer(data, "evaluate", checkpoint, "-n", "1", "--seed-start", "9"))
 
 
+RECORDING = record.prepare(config=RecordConfig(demonstrations=1, first=50))
+
+
+def test_a_stage_does_not_wait_for_ever_for_a_machine_to_serve_it(data, server, monkeypatch):
+    monkeypatch.setattr("flows.spread.PATIENCE_SECONDS", 0.5)
+    with temporary_settings({PREFECT_API_URL: server}):
+        make.to_deployment(DEPLOYMENT).apply()
+        with pytest.raises(ServiceUnavailable, match="no machine offers to run stages; start `juicer serve`"):
+            RECORDING.execute(Session(ArtifactStore(data), send=send))
+
+
 @pytest.fixture(scope="module")
 def serving(data, server):
     """A machine that runs the stages of others, and a session that sends them."""
@@ -158,9 +170,6 @@ def serving(data, server):
     process.communicate(timeout=60)
 
 
-RECORDING = record.prepare(config=RecordConfig(demonstrations=1, first=50))
-
-
 def test_a_stage_runs_on_the_machine_that_serves_stages(serving):
     finished = RECORDING.execute(serving)
     assert not finished.reused
@@ -169,5 +178,5 @@ def test_a_stage_runs_on_the_machine_that_serves_stages(serving):
 
 def test_a_machine_with_another_juicer_declines(serving):
     asked = StageCall(record, RECORDING.arguments, replace(RECORDING.recipe, code="of yesterday"))
-    with pytest.raises(ArtifactError, match=r"another juicer than the one that asks: .*code"):
+    with pytest.raises(ArtifactError, match=r"another juicer, or other libraries, than the one that asks: .*code"):
         asked.execute(serving)
