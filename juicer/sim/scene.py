@@ -65,7 +65,7 @@ def _set_physics(spec: mujoco.MjSpec, task: AssemblyTask) -> None:
     option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     option.iterations, option.ls_iterations, option.tolerance = 20, 50, 1e-6
     # Without these, friction yields slowly: a hood slides out of the grip by 16 mm in seven seconds, and a ball that is
-    # not held at its middle is squeezed out within two. With four it is 0.05 mm.
+    # not held at its middle is squeezed out within four. With four iterations it is 0.05 mm.
     option.noslip_iterations = 4
     option.gravity = (0, 0, -9.8)
     # Mounted parts keep touching: with several of them, a dense matrix makes a step up to 1.8 times as long.
