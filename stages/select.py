@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from statistics import median
+
 from pydantic import Field
 
 from juicer.artifacts.ref import ArtifactRef
@@ -14,20 +17,29 @@ from stages.stage import StageContext, stage
 
 
 class SelectConfig(StrictConfig):
-    """Which rollouts are kept."""
+    """Which rollouts are kept.
 
+    A policy that hesitates and succeeds all the same, retrained on that, hesitates more.
+    """
+
+    longest: float | None = Field(
+        default=1.25, gt=0, description="in lengths of the median success: longer ones dawdle; no limit if empty"
+    )
     max_episodes: int | None = Field(default=None, gt=0, description="at most this many, the first ones; all if empty")
 
 
 @stage(kind="selection", inputs={"episodes": "episodes"})
 def select(context: StageContext, *, episodes: ArtifactRef, config: SelectConfig) -> None:
-    """Keep the successful rollouts; the arrays stay where they are."""
+    """Keep the successful rollouts that did not dawdle; the arrays stay where they are."""
     reader = EpisodeReader(context.store.open(episodes, "episodes"))
+    limit = _longest(reader, config)
     rows: list[SelectionRow] = []
     kept = steps = 0
     for index, record in enumerate(reader.records):
         if record.outcome is not Outcome.SUCCESS:
             rows.append(SelectionRow(index, keep=False, reason=record.outcome.value))
+        elif reader.lengths[index] > limit:
+            rows.append(SelectionRow(index, keep=False, reason=f"dawdled, it took more than {limit:.0f} steps"))
         elif kept == config.max_episodes:
             rows.append(SelectionRow(index, keep=False, reason="enough successes before it"))
         else:
@@ -38,3 +50,15 @@ def select(context: StageContext, *, episodes: ArtifactRef, config: SelectConfig
         raise NothingLeft(f"no successful rollout to retrain on: none of {len(rows)} in {episodes} succeeded")
     write_selection(context.draft.path, rows)
     context.draft.summary |= {"episodes": len(rows), "kept": kept, "rate": kept / len(rows), "steps": steps}
+
+
+def _longest(reader: EpisodeReader, config: SelectConfig) -> float:
+    """Steps above which a success dawdles."""
+    successes = [
+        int(length)
+        for length, record in zip(reader.lengths, reader.records, strict=True)
+        if record.outcome is Outcome.SUCCESS
+    ]
+    if config.longest is None or not successes:
+        return math.inf
+    return config.longest * median(successes)

@@ -14,7 +14,7 @@ from juicer.teleoperation.scene import Scene
 from juicer.teleoperation.skills import OPEN, Skill, rise
 
 _BETWEEN_PARTS_M = 0.13
-"""Height of the hand between two parts, above everything that stands on the table."""
+"""Height of the hand between two parts, above what lies on the table."""
 
 
 _MOUNTINGS = {Joint.SCREWED: ScrewMounting, Joint.PUT_ON: Mounting}
@@ -45,8 +45,9 @@ class AssemblyOperator:
         while True:
             mounting = next((each for each in self._mountings if self._is_to_be_done(each, scene)), self._mountings[-1])
             if mounting is not busy_with:
+                height = max(_BETWEEN_PARTS_M, busy_with.view.clear_of_part(scene))
+                scene = yield from rise(scene, height, OPEN, self._habits.pace, "rise")
                 busy_with = mounting
-                scene = yield from rise(scene, _BETWEEN_PARTS_M, OPEN, self._habits.pace, "rise")
             begun = any(each.is_begun(scene) for each in self._mountings)
             if begun or self._corner.is_home(scene, 0.008, math.radians(6)):
                 scene = yield from mounting.step(scene)

@@ -27,6 +27,7 @@ class Handling:
         flat_every_rad: Turn after which they do again.
         turn_back_above_m: How high the open hand goes to turn back past it.
         lies: Whether it lies on the table at first; else it stands.
+        depth_m: How far it goes into, or around, its mate; the depth of the hole if None.
         clear_m: How far above its seat it must be lifted; a little more than the depth of the hole if None.
     """
 
@@ -39,6 +40,7 @@ class Handling:
     flat_every_rad: float = math.pi / 2
     turn_back_above_m: float = 0.0
     lies: bool = True
+    depth_m: float | None = None
     clear_m: float | None = None
     pick_below_m: float = 0.0
     pick_play_m: float = 0.004
@@ -57,8 +59,8 @@ HANDLINGS = {
         flat_rad=math.pi / 4, turn_back_above_m=0.04, lies=False, pick_play_m=0.0022,
     ),
     "lamp_hood": Handling(
-        (0.044, 0.050, 0.044), -0.034, 0.0655, -0.034, 0.0655,
-        flat_every_rad=math.pi / 8, lies=False, clear_m=0.105, pick_play_m=0.002,
+        (0.044, 0.050, 0.044), -0.046, 0.0655, -0.046, 0.0655,
+        flat_every_rad=math.pi / 8, lies=False, depth_m=0.0065, clear_m=0.105, pick_play_m=0.002,
     ),
     "lamp_bulb": Handling(
         (0.030, 0.060, 0.030), 0.038, 0.0595, 0.038, 0.0595,

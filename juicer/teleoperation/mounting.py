@@ -43,7 +43,10 @@ _ON_BEADS_M, _DOWN_M = 0.018, 0.004
 _SINK_M = 0.020
 _ALIGNED_M = 0.0025
 _CAUGHT_M = 0.007
-_ASTRAY = 2.0
+# Errors in tolerances from which the part only moves sideways, and from which it is lifted as well.
+_ASIDE, _ASTRAY = 2.0, 4.0
+# Sink of a part that is not aligned yet, of that of one that is.
+_CREEP = 0.15
 _UPRIGHT_RAD, _LEANS_FAR_RAD = math.radians(12), math.radians(12)
 _CLEAR_OF_PART_M = 0.06
 _AWAY_M = 0.05
@@ -240,9 +243,14 @@ class Mounting:
         tolerance = _ALIGNED_M + 0.25 * max(0.0, seat.height_m - self.view.depth_m - _MOUTH_M)
         if seat.height_m < self.view.depth_m + _INSIDE_M:
             tolerance = _CAUGHT_M
-        error = seat.aside_m + 0.05 * seat.lean_rad
-        # A hand that rises for every millimetre teaches policies to hover: it waits, unless it has gone far astray.
-        sink = -1.0 if error > _ASTRAY * tolerance else min(max(2.0 * (1.0 - error / tolerance), 0.0), 1.0)
+        error = (seat.aside_m + 0.05 * seat.lean_rad) / tolerance
+        # A hand that rises for every millimetre, or waits where it hardly moves, teaches policies to hover.
+        if error > _ASTRAY:
+            sink = -1.0
+        elif error > _ASIDE:
+            sink = 0.0
+        else:
+            sink = min(max(2.0 * (1.0 - error), _CREEP), 1.0)
         height = min(seat.height_m - _SINK_M * sink, self.view.clear_m)
         goal = Pose(self.view.seat_point(scene, height), self.view.upright(scene))
         return holding(scene, self.view.part(scene), goal)
@@ -296,7 +304,7 @@ class ScrewMounting(Mounting):
         stall = Stall()
 
         def turned_enough(scene: Scene) -> bool:
-            return view.is_seated(scene) or view.hand_yaw(scene) < STROKE_END_RAD or stall(scene)
+            return view.is_tight(scene) or view.hand_yaw(scene) < STROKE_END_RAD or stall(scene)
 
         scene = yield from reach(scene, self._stroke, CLOSE, pace.at_most(_STROKE_LEAD_M), turned_enough, "stroke")
         return (yield from grip(scene, OPEN, view.is_open, "release after a stroke"))

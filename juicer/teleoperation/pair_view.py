@@ -29,6 +29,8 @@ STROKE_END_RAD = math.radians(-5)
 EASY_YAW_RAD = math.radians(40)
 """Yaw of a hand that points down from which the wrist can turn far both ways."""
 
+_FINGER_TIP_M = 0.014
+"""How far the fingers reach below the hand's own point, and a little more."""
 _FORWARDS = np.array([1.0, 0.0, 0.0])
 OPEN_SHARE = 0.89
 # Height above its seat at which a part clears the hole, beyond the hole's depth.
@@ -36,7 +38,7 @@ _CLEAR_M = 0.036
 _ENGAGED_M, _ENGAGED_HEIGHT_M = 0.022, (-0.006, 0.020)
 # The true clearances let a part that stands in the mouth of its hole lean by up to 25 degrees.
 _ENGAGED_LEAN_RAD = math.radians(30)
-_SEATED_M, _SEATED_COSINE = 0.0045, 0.943
+_SEATED_M, _SEATED_COSINE, _TIGHT_COSINE = 0.0045, 0.943, 0.985
 
 
 @dataclass(frozen=True)
@@ -66,13 +68,18 @@ class PairView:
         self._target = pose_of(pair.targets[pair.operator_target])
         # Upwards along the seat's axis: the part may have its y axis down.
         self._upwards = 1.0 if float(self._target.rotation[:, 1] @ self._target.position) > 0 else -1.0
-        self.depth_m = max((bore.top_y - bore.bottom_y for bore in task.parts[pair.first].bores), default=0.0)
+        hole_m = max((bore.top_y - bore.bottom_y for bore in task.parts[pair.first].bores), default=0.0)
+        self.depth_m = hole_m if handling.depth_m is None else handling.depth_m
         self.clear_m = self.depth_m + _CLEAR_M if handling.clear_m is None else handling.clear_m
         self.open_width_m = OPEN_SHARE * task.gripper_width_m
 
     def part(self, scene: Scene) -> Pose:
         """Pose of the part."""
         return scene.part(self.part_index)
+
+    def clear_of_part(self, scene: Scene) -> float:
+        """Height at which an open hand passes over the part that stands mounted [m]."""
+        return float(self.part(scene).position[2]) + self.handling.half_size_m[1] + _FINGER_TIP_M
 
     def seat_pose(self, scene: Scene) -> Pose:
         """Pose of the part once it is mounted."""
@@ -92,11 +99,16 @@ class PairView:
 
     def is_seated(self, scene: Scene) -> bool:
         """Whether the part is mounted."""
+        return self._is_home(scene, _SEATED_COSINE)
+
+    def is_tight(self, scene: Scene) -> bool:
+        """Whether the part is screwed in so far that it stays mounted if it gives a little when it is let go."""
+        return self._is_home(scene, _TIGHT_COSINE)
+
+    def _is_home(self, scene: Scene, cosine: float) -> bool:
         goal, part = self.seat_pose(scene), self.part(scene)
         near = float(np.abs(goal.rotation.T @ (part.position - goal.position)).max()) < _SEATED_M
-        return near and (
-            self._any_rotation or float((goal.rotation * part.rotation).sum(axis=0).min()) > _SEATED_COSINE
-        )
+        return near and (self._any_rotation or float((goal.rotation * part.rotation).sum(axis=0).min()) > cosine)
 
     def is_engaged(self, scene: Scene) -> bool:
         """Whether its peg stands in its hole."""

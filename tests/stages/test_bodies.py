@@ -176,6 +176,21 @@ def test_training_on_a_selection_reads_only_the_kept_episodes(loop, tmp_path, in
     assert {recipe.ref, selection} <= set(loop.store.lineage(retrained))
 
 
+def test_a_success_that_dawdled_is_not_imitated(loop, insertions):
+    recipe = replace(loop.store.manifest(loop.rollouts).recipe, config={"made": "of quick and slow ones"})
+    quick = replace(insertions[0], record=replace(insertions[0].record, source="rollout"))
+    failed = replace(quick, record=replace(quick.record, outcome="timeout"))
+    slow = replace(quick, steps={name: np.concatenate([rows, rows]) for name, rows in quick.steps.items()})
+    with loop.store.create(recipe) as draft:
+        write_episodes(draft.path, [slow, quick, failed, quick], {})
+    selection = select(loop.session, episodes=recipe.ref, config=SelectConfig(longest=1.5))
+    rows = read_selection(loop.store.open(selection))
+    assert [row.keep for row in rows] == [False, True, False, True]
+    assert rows[0].reason == f"dawdled, it took more than {1.5 * len(quick):.0f} steps"
+    everything = select(loop.session, episodes=recipe.ref, config=SelectConfig(longest=None))
+    assert summary(loop, everything)["kept"] == 3
+
+
 def test_rollouts_are_kept_whatever_their_outcome(loop):
     facts = summary(loop, loop.rollouts)
     assert facts["episodes"] == 2
