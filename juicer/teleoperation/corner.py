@@ -18,6 +18,7 @@ from juicer.teleoperation.skills import CLOSE, OPEN, Skill, Stall, descend, grip
 
 _PUSH_BEYOND_M = 0.002
 PUSH_LEAD_M = 0.015
+_UPRIGHT_COSINE = math.cos(math.radians(5))
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,8 @@ class Corner:
         stall = Stall()
 
         def pushed(scene: Scene) -> bool:
-            return self.is_home(scene, 0.002, math.radians(1.5)) or stall(scene) or not self._holds(scene)
+            there = self.is_home(scene, 0.002, math.radians(1.5)) or stall(scene)
+            return there or self._tips(scene) or not self._holds(scene)
 
         pace = habits.pace.at_most(PUSH_LEAD_M)
         scene = yield from reach(scene, self._push_goal, CLOSE, pace, pushed, "push the base")
@@ -101,6 +103,11 @@ class Corner:
 
     def _holds(self, scene: Scene) -> bool:
         return self._handling.width_m - 0.002 < scene.width < self._handling.width_m + 0.003
+
+    def _tips(self, scene: Scene) -> bool:
+        """Whether the part swings between the fingers, over the fence: let go, it falls back."""
+        upright = scene.part(0).rotation @ self._handling.straight.T
+        return float(upright[2, 2]) < _UPRIGHT_COSINE
 
     def _push_goal(self, scene: Scene) -> Pose:
         """Hand that has brought the held part slightly beyond its contact with the fence."""

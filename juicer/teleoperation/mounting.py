@@ -287,13 +287,13 @@ class ScrewMounting(Mounting):
         def flat_on_the_part(scene: Scene) -> Pose:
             return Pose(self._screw_grasp(scene), downward(view.stroke_start(scene)))
 
-        arrived, tired = near(flat_on_the_part, 0.004, math.radians(4)), Patience()
+        arrived = near(flat_on_the_part, 0.004, math.radians(4))
         scene = yield from reach(
             scene,
             self._turning_back,
             OPEN,
             pace,
-            lambda scene: arrived(scene) or not view.is_engaged(scene) or tired(scene),
+            lambda scene: arrived(scene) or not view.is_engaged(scene),
             "turn back",
         )
         if not view.is_engaged(scene):

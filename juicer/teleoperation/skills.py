@@ -83,8 +83,9 @@ def towards(scene: Scene, goal: Pose, pace: Pace) -> Pose:
 
 
 def reach(scene: Scene, goal: Goal, gripper: float, pace: Pace, done: Test, phase: str) -> Skill:
-    """Lead the hand towards a goal that may move with the scene, until ``done``."""
-    while not done(scene):
+    """Lead the hand towards a goal that may move with the scene, until ``done`` or for as long as patience lasts."""
+    tired = Patience()
+    while not (done(scene) or tired(scene)):
         scene = yield Command(towards(scene, goal(scene), pace), gripper, phase)
     return scene
 
@@ -104,8 +105,8 @@ def descend(scene: Scene, grasp: Goal, clearance_m: float, pace: Pace, phase: st
         turn = length(turn_between(scene.hand.rotation, pose.rotation))
         return above(pose, min(clearance_m, steepness * max(0.0, aside - play_m) + 0.15 * max(0.0, turn - 0.05)))
 
-    arrived, stall, tired = near(grasp, play_m, math.radians(3)), Stall(), Patience()
-    return reach(scene, goal, OPEN, pace, lambda scene: arrived(scene) or stall(scene) or tired(scene), phase)
+    arrived, stall = near(grasp, play_m, math.radians(3)), Stall()
+    return reach(scene, goal, OPEN, pace, lambda scene: arrived(scene) or stall(scene), phase)
 
 
 def rise(scene: Scene, height_m: float, gripper: float, pace: Pace, phase: str) -> Skill:

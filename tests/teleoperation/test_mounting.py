@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from juicer.seeding import stream
+from juicer.sim.env import AssemblyEnv
 from juicer.tasks.registry import get_task
 from juicer.teleoperation.handling import HANDLINGS, Habits
 from juicer.teleoperation.mounting import ScrewMounting
+from juicer.teleoperation.operator import ScriptedOperator
 from juicer.teleoperation.pair_view import PairView
 from juicer.teleoperation.pose import Pose
 from juicer.teleoperation.scene import Scene
@@ -47,3 +50,34 @@ def test_a_held_leg_is_lowered_and_then_let_go(aside_m, height_m, gripper):
     skill = MOUNTING.insert if VIEW.is_engaged(scene) else MOUNTING.step
     command = next(skill(scene))
     assert command.gripper == gripper
+
+
+@pytest.mark.parametrize(
+    ("aside_m", "least_m", "most_m"),
+    [(0.001, -0.02, -0.003), (0.004, -0.008, -0.001), (0.008, -0.001, 0.001), (0.020, 0.003, 0.02)],
+    ids=["aligned", "not aligned yet", "aside", "astray"],
+)
+def test_a_leg_over_its_hole_sinks_while_it_is_aligned_and_rises_only_far_astray(aside_m, least_m, most_m):
+    scene = held_leg(aside_m, VIEW.depth_m + 0.005)
+    rise = next(MOUNTING.insert(scene)).target.position[2] - scene.hand.position[2]
+    assert least_m <= rise <= most_m
+
+
+def test_every_part_of_a_lamp_is_taken_up_once():
+    env = AssemblyEnv("lamp")
+    operator = ScriptedOperator(env.task, stream(0, "operator", 5006))
+    observation, _ = env.reset(seed=5006)
+    phases, ended = [], False
+    while not ended:
+        step = operator.act(observation)
+        phases.append(step.phase)
+        observation, _, succeeded, gave_up, _ = env.step(step.action)
+        ended = succeeded or gave_up
+    assert succeeded
+    begun = [phase for phase, last in zip(phases, ["", *phases], strict=False) if phase != last]
+    assert [phase for phase in begun if phase.startswith("grasp the")] == [
+        "grasp the base",
+        "grasp the bulb",
+        "grasp the hood",
+    ]
+    assert not {phase for phase in begun if phase.startswith(("let go", "take"))}
