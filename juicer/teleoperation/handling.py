@@ -20,7 +20,7 @@ class Handling:
         pick_width_m: Its width there.
         pick_below_m: How much lower than the operator's habit it is picked up.
         pick_play_m: How far aside of it the open hand may come down.
-        is_ball: Whether it is grasped at a ball, from above: it swings between the fingers, and may stand at any yaw.
+        is_ball: Whether it is grasped at a ball, and may stand at any yaw.
         screw_m: Where it is grasped to be screwed in, above its origin.
         screw_width_m: Its width there.
         flat_rad: Yaw of the part's x axis, relative to the hand's, at which the fingers lie flat for a stroke.
@@ -28,6 +28,7 @@ class Handling:
         turn_back_above_m: How high the open hand goes to turn back past it.
         lies: Whether it lies on the table at first; else it stands.
         depth_m: How far it goes into, or around, its mate; the depth of the hole if None.
+        aligned_m: How far aside of its hole's axis it may enter it.
         clear_m: How far above its seat it must be lifted; a little more than the depth of the hole if None.
     """
 
@@ -41,6 +42,7 @@ class Handling:
     turn_back_above_m: float = 0.0
     lies: bool = True
     depth_m: float | None = None
+    aligned_m: float = 0.0025
     clear_m: float | None = None
     pick_below_m: float = 0.0
     pick_play_m: float = 0.004
@@ -56,11 +58,12 @@ HANDLINGS = {
     ),
     "round_table_base": Handling(
         (0.065, 0.029, 0.065), 0.004, 0.0468, 0.004, 0.0468,
-        flat_rad=math.pi / 4, turn_back_above_m=0.04, lies=False, pick_play_m=0.0022,
+        flat_rad=math.pi / 4, turn_back_above_m=0.04, lies=False, depth_m=0.0275, pick_play_m=0.0022,
     ),
     "lamp_hood": Handling(
         (0.044, 0.050, 0.044), -0.046, 0.0655, -0.046, 0.0655,
-        flat_every_rad=math.pi / 8, lies=False, depth_m=0.0065, clear_m=0.105, pick_play_m=0.002,
+        flat_every_rad=math.pi / 8, lies=False, depth_m=0.0065, aligned_m=0.0012, clear_m=0.105,
+        pick_play_m=0.002,
     ),
     "lamp_bulb": Handling(
         (0.030, 0.060, 0.030), 0.038, 0.0595, 0.038, 0.0595,

@@ -21,6 +21,7 @@ from juicer.teleoperation.skills import (
     CLOSE,
     OPEN,
     Command,
+    Lasting,
     Patience,
     Skill,
     Stall,
@@ -41,13 +42,14 @@ _STROKE_SINK_M = 0.005
 _MOUTH_M, _INSIDE_M = 0.006, -0.001
 _ON_BEADS_M, _DOWN_M = 0.018, 0.004
 _SINK_M = 0.020
-_ALIGNED_M = 0.0025
 _CAUGHT_M = 0.007
+# Steps after which a part in its hole, which the hand's tremor keeps from lying still, is taken for at rest.
+_CAUGHT_STEPS = 20
 # Errors in tolerances from which the part only moves sideways, and from which it is lifted as well.
 _ASIDE, _ASTRAY = 2.0, 4.0
 # Sink of a part that is not aligned yet, of that of one that is.
 _CREEP = 0.15
-_UPRIGHT_RAD, _LEANS_FAR_RAD = math.radians(12), math.radians(12)
+_UPRIGHT_RAD, _LEANS_FAR_RAD, _LEANS_FAR_M = math.radians(12), math.radians(12), 0.005
 _CLEAR_OF_PART_M = 0.06
 _AWAY_M = 0.05
 _FINGER_PLAY_M = 0.008
@@ -163,8 +165,8 @@ class Mounting:
             if not upright(scene):
                 return (yield from self._leave(scene, "let go"))
         scene = yield from reach(scene, up, CLOSE, pace, clear, f"lift the {name}")
-        tired = Patience()
-        while view.is_held(scene) and not self._has_arrived(scene):
+        tired, caught = Patience(), Lasting(view.is_engaged, _CAUGHT_STEPS)
+        while view.is_held(scene) and not (caught(scene) or self._has_arrived(scene)):
             if tired(scene):
                 return (yield from self.put_back(scene))
             low = view.seat(scene).height_m < view.depth_m + _MOUTH_M + 0.005
@@ -200,7 +202,7 @@ class Mounting:
 
     def _pick_tilt(self, scene: Scene) -> float:
         """Tilt of the hand that picks up the part; what it is short of upright, it will be tilted over the hole."""
-        if self._handling.is_ball or not self._handling.lies:
+        if not self._handling.lies:
             return 0.0
         nearer_m = max(0.0, _FAR_X_M - float(self.view.seat_pose(scene).position[0]))
         return self._habits.tilt_rad + _TILT_RAD_M * nearer_m
@@ -240,7 +242,7 @@ class Mounting:
         """Hand that holds the part over its hole: the better aligned, the lower."""
         seat = self.view.seat(scene)
         # Wide high up and narrow at the hole's mouth, like a funnel; inside, the mouth itself leads the peg.
-        tolerance = _ALIGNED_M + 0.25 * max(0.0, seat.height_m - self.view.depth_m - _MOUTH_M)
+        tolerance = self._handling.aligned_m + 0.25 * max(0.0, seat.height_m - self.view.depth_m - _MOUTH_M)
         if seat.height_m < self.view.depth_m + _INSIDE_M:
             tolerance = _CAUGHT_M
         error = (seat.aside_m + 0.05 * seat.lean_rad) / tolerance
@@ -326,7 +328,8 @@ class ScrewMounting(Mounting):
     def _screw_grasp(self, scene: Scene) -> Vector:
         """Where the hand grasps for a stroke: over the hole, which straightens the part, unless it leans too far."""
         along = self._handling.screw_m + self._habits.screw_offset_m
-        if self.view.seat(scene).lean_rad > _LEANS_FAR_RAD:
+        lean = self.view.seat(scene).lean_rad
+        if lean > _LEANS_FAR_RAD or lean * along > _LEANS_FAR_M:
             part = self.view.part(scene)
             return part.position + along * part.rotation[:, 1]
         return self._on_axis(scene) + along * UP

@@ -133,12 +133,16 @@ class PairView:
         return scene.width > self.open_width_m
 
     def upright(self, scene: Scene) -> Matrix:
-        """Rotation of the part that stands on its mate, in the quarter turn that leads the hand away from the robot."""
+        """Rotation of the part that stands on its mate, so turned that the hand leads away from the robot.
+
+        Led anywhere else, the wrist comes to the end of a joint, and the hand no longer goes where it is told.
+        """
         seated = self.seat_pose(scene).rotation
+        held = self.part(scene).rotation.T @ scene.hand.rotation
         if self.handling.is_ball:
             rotation = self.part(scene).rotation
-            return turned(swing(rotation[:, 1], seated[:, 1]), rotation)
-        held = self.part(scene).rotation.T @ scene.hand.rotation
+            rotation = turned(swing(rotation[:, 1], seated[:, 1]), rotation)
+            return turned(-heading(rotation @ held[:, 2]) * UP, rotation)
         choices = [turned(quarter * math.pi / 2 * seated[:, 1], seated) for quarter in range(4)]
         if self.handling.lies:
             return max(choices, key=lambda rotation: float((rotation @ held[:, 2]) @ _FORWARDS))

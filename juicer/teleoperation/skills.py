@@ -130,19 +130,27 @@ def grip(scene: Scene, gripper: float, done: Test, phase: str, patience: int = 1
     return scene
 
 
-class Stall:
+class Lasting:
+    """Test whether another test has held for some steps in a row."""
+
+    def __init__(self, test: Test, steps: int) -> None:
+        """Ask for so many steps."""
+        self._test = test
+        self._steps = steps
+        self._held = 0
+
+    def __call__(self, scene: Scene) -> bool:
+        """Look once a step."""
+        self._held = self._held + 1 if self._test(scene) else 0
+        return self._held >= self._steps
+
+
+class Stall(Lasting):
     """Test whether the hand has stood still for some steps: whatever it pushes will not give."""
 
     def __init__(self, patience: int = 6) -> None:
         """Ask for ``patience`` steps in a row."""
-        self._patience = patience
-        self._still = 0
-
-    def __call__(self, scene: Scene) -> bool:
-        """Look once a step."""
-        still = scene.speed < _STILL_M_S and scene.spin < _STILL_RAD_S
-        self._still = self._still + 1 if still else 0
-        return self._still >= self._patience
+        super().__init__(lambda scene: scene.speed < _STILL_M_S and scene.spin < _STILL_RAD_S, patience)
 
 
 class Patience:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 from juicer.seeding import stream
 from juicer.sim.env import AssemblyEnv
 from juicer.tasks.registry import get_task
+from juicer.tasks.specification import Joint
 from juicer.teleoperation.handling import HANDLINGS, Habits
 from juicer.teleoperation.mounting import ScrewMounting
 from juicer.teleoperation.operator import ScriptedOperator
 from juicer.teleoperation.pair_view import PairView
-from juicer.teleoperation.pose import Pose
+from juicer.teleoperation.pose import Pose, pose_of
 from juicer.teleoperation.scene import Scene
 from juicer.teleoperation.skills import CLOSE, OPEN
 
@@ -63,17 +66,22 @@ def test_a_leg_over_its_hole_sinks_while_it_is_aligned_and_rises_only_far_astray
     assert least_m <= rise <= most_m
 
 
-def test_every_part_of_a_lamp_is_taken_up_once():
+def test_every_part_of_a_lamp_is_taken_up_once_and_brought_by_an_arm_that_can_move_on():
     env = AssemblyEnv("lamp")
     operator = ScriptedOperator(env.task, stream(0, "operator", 5006))
     observation, _ = env.reset(seed=5006)
-    phases, ended = [], False
+    lowest, highest = env.model.jnt_range[:7].T
+    phases, ended, room_rad = [], False, math.pi
     while not ended:
         step = operator.act(observation)
         phases.append(step.phase)
+        if step.phase.startswith("insert"):
+            joints = env.data.qpos[:7]
+            room_rad = min(room_rad, (joints - lowest).min(), (highest - joints).min())
         observation, _, succeeded, gave_up, _ = env.step(step.action)
         ended = succeeded or gave_up
     assert succeeded
+    assert room_rad > math.radians(15)
     begun = [phase for phase, last in zip(phases, ["", *phases], strict=False) if phase != last]
     assert [phase for phase in begun if phase.startswith("grasp the")] == [
         "grasp the base",
@@ -81,3 +89,16 @@ def test_every_part_of_a_lamp_is_taken_up_once():
         "grasp the hood",
     ]
     assert not {phase for phase in begun if phase.startswith(("let go", "take"))}
+
+
+@pytest.mark.parametrize("name", ["one_leg", "round_table", "lamp"])
+def test_the_funnel_ends_where_the_tip_of_the_peg_meets_the_rim(name):
+    task = get_task(name)
+    screwed = [(index, pair) for index, pair in enumerate(task.pairs) if pair.joint is Joint.SCREWED]
+    for index, pair in screwed:
+        part, mate = task.parts[pair.second], task.parts[pair.first]
+        seat = pose_of(pair.targets[pair.operator_target])
+        tip = (seat @ Pose(np.array([0.0, part.pegs[0].tip_y, 0.0]), np.eye(3))).position[1]
+        rims = [y for bore in mate.bores for y in (bore.bottom_y, bore.top_y)]
+        rim = max(rims, key=lambda y: y * seat.position[1])
+        assert PairView(task, index, HANDLINGS[part.name]).depth_m == pytest.approx(abs(tip - rim), abs=0.0007)
