@@ -17,6 +17,7 @@ from juicer.teleoperation.scene import Scene
 from juicer.teleoperation.skills import CLOSE, OPEN, Skill, Stall, descend, grip, holding, reach, rise
 
 _PUSH_BEYOND_M = 0.002
+_CLEAR_OF_FENCE_M, _ALONG_M = 0.012, 0.004
 PUSH_LEAD_M = 0.015
 _UPRIGHT_COSINE = math.cos(math.radians(5))
 
@@ -110,9 +111,15 @@ class Corner:
         return float(upright[2, 2]) < _UPRIGHT_COSINE
 
     def _push_goal(self, scene: Scene) -> Pose:
-        """Hand that has brought the held part slightly beyond its contact with the fence."""
+        """Hand that has brought the held part slightly beyond its contact with the fence, one side after the other.
+
+        Dragged along one side, a part that is still turned a little jams there.
+        """
         base = scene.part(0)
-        home = np.array([*(self.home_xy + _PUSH_BEYOND_M), base.position[2]])
+        x, y = self.home_xy + _PUSH_BEYOND_M
+        if self.home_xy[1] - base.position[1] > _ALONG_M:
+            x -= _CLEAR_OF_FENCE_M
+        home = np.array([x, y, base.position[2]])
         goal = holding(scene, base, Pose(home, turned(-self.yaw(scene) * UP, base.rotation)))
         position = np.array([goal.position[0], goal.position[1], self._height()])
         return Pose(position, downward(math.atan2(goal.rotation[1, 0], goal.rotation[0, 0])))

@@ -13,6 +13,7 @@ from juicer.gripper import gripper_commands
 from juicer.ingestion import IngestionConfig, ingest_log
 from juicer.seeding import stream
 from juicer.sim.env import AssemblyEnv
+from juicer.sim.scene import home_xy
 from juicer.tasks.registry import get_task
 from juicer.teleoperation.log import OperatorLog, read_log
 from juicer.teleoperation.operator import DEVICE, ScriptedOperator, Temperament
@@ -55,6 +56,13 @@ def test_actions_stay_in_the_range_of_the_device(log: OperatorLog):
 def test_no_action_leads_the_hand_by_more_than_a_human_would(log: OperatorLog):
     lead = np.linalg.norm(log.steps["action"][:, :3] - log.steps["proprioception"][:, :3], axis=1)
     assert lead[~log.idle].max() < 0.035
+
+
+def test_the_top_is_pushed_to_one_side_of_the_fence_after_the_other(log: OperatorLog):
+    short_x, short_y = (home_xy(get_task("one_leg").parts[0]) - log.steps["part_poses"][:, :2]).T
+    home = np.flatnonzero(np.maximum(short_x, short_y) < 0.004)[0]
+    assert min(short_x[0], short_y[0]) > 0.02
+    assert short_x[:home][short_y[:home] > 0.006].min() > 0.008
 
 
 def test_the_recording_passes_ingestion_without_its_idle_steps(log: OperatorLog):
