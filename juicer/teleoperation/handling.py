@@ -27,9 +27,9 @@ class Handling:
         flat_every_rad: Turn after which they do again.
         turn_back_above_m: How high the open hand goes to turn back past it.
         lies: Whether it lies on the table at first; else it stands.
-        depth_m: How far it goes into, or around, its mate; the depth of the hole if None.
+        around_m: How far it goes around its mate, if it is put on.
         aligned_m: How far aside of its hole's axis it may enter it.
-        clear_m: How far above its seat it must be lifted; a little more than the depth of the hole if None.
+        clear_m: How far above its seat it must be lifted; a little more than it goes in if None.
     """
 
     half_size_m: tuple[float, float, float]
@@ -41,13 +41,17 @@ class Handling:
     flat_every_rad: float = math.pi / 2
     turn_back_above_m: float = 0.0
     lies: bool = True
-    depth_m: float | None = None
+    around_m: float = 0.0
     aligned_m: float = 0.0025
     clear_m: float | None = None
     pick_below_m: float = 0.0
     pick_play_m: float = 0.004
     is_ball: bool = False
 
+
+_MOST_PARTS = 8
+_FUMBLING = 0.12
+"""Chance that a part is grasped too early. Policies miss a grasp now and then, and learn only here to open again."""
 
 _SQUARE_LEG = Handling((0.015, 0.056, 0.015), 0.0115, 0.030, 0.012, 0.030)
 
@@ -58,11 +62,11 @@ HANDLINGS = {
     ),
     "round_table_base": Handling(
         (0.065, 0.029, 0.065), 0.004, 0.0468, 0.004, 0.0468,
-        flat_rad=math.pi / 4, turn_back_above_m=0.04, lies=False, depth_m=0.0275, pick_play_m=0.0022,
+        flat_rad=math.pi / 4, turn_back_above_m=0.04, lies=False, pick_play_m=0.0022,
     ),
     "lamp_hood": Handling(
         (0.044, 0.050, 0.044), -0.046, 0.0655, -0.046, 0.0655,
-        flat_every_rad=math.pi / 8, lies=False, depth_m=0.0065, aligned_m=0.0012, clear_m=0.105,
+        flat_every_rad=math.pi / 8, lies=False, around_m=0.0065, aligned_m=0.0012, clear_m=0.105,
         pick_play_m=0.002,
     ),
     "lamp_bulb": Handling(
@@ -88,6 +92,8 @@ class Habits:
         lift_m: Height of the hand at which a lying part begins to be turned upright.
         via: Where the hand stands it upright.
         screw_offset_m: Height of the grasp for a stroke over the usual one.
+        fumbles: Parts, by index, for which the hand closes too early once, on nothing.
+        fumble_m: How far its fingers are above the part then.
     """
 
     pace: Pace
@@ -100,6 +106,8 @@ class Habits:
     lift_m: float
     via: tuple[float, float, float]
     screw_offset_m: float
+    fumbles: frozenset[int]
+    fumble_m: float
 
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Habits:
@@ -115,4 +123,6 @@ class Habits:
             lift_m=rng.uniform(0.055, 0.070),
             via=(rng.uniform(0.50, 0.55), rng.uniform(0.10, 0.14), rng.uniform(0.145, 0.165)),
             screw_offset_m=rng.uniform(-0.002, 0.002),
+            fumbles=frozenset(np.flatnonzero(rng.random(_MOST_PARTS) < _FUMBLING).tolist()),
+            fumble_m=rng.uniform(0.0, 0.03),
         )

@@ -73,6 +73,7 @@ class Mounting:
         self.view = view
         self._handling = view.handling
         self._habits = habits
+        self._fumbles = view.part_index in habits.fumbles
 
     def step(self, scene: Scene) -> Skill:
         """Whatever comes next."""
@@ -93,13 +94,19 @@ class Mounting:
         aside = self._room(scene, tilt) or 0.0
 
         def grasp(scene: Scene) -> Pose:
-            return self._pick_grasp(scene, tilt, aside)
+            pose = self._pick_grasp(scene, tilt, aside)
+            short_m = view.clear_of_part(scene) + habits.fumble_m - float(pose.position[2]) if self._fumbles else 0.0
+            return above(pose, max(0.0, short_m))
+
+        def closed(scene: Scene) -> bool:
+            return view.is_closed_on_part(scene) and not self._fumbles
 
         name = self.view.label
         play = self._handling.pick_play_m
         scene = yield from descend(scene, grasp, habits.clearance_m, habits.pace, f"go to the {name}", play)
-        scene = yield from grip(scene, CLOSE, view.is_closed_on_part, f"grasp the {name}")
+        scene = yield from grip(scene, CLOSE, closed, f"grasp the {name}")
         if not view.is_held(scene):
+            self._fumbles = False
             return (yield from self._leave(scene, "let go"))
         return scene
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from juicer.tasks.specification import AssemblyTask
+from juicer.tasks.specification import AssemblyTask, PartSpec
 from juicer.teleoperation.handling import Handling
 from juicer.teleoperation.pose import (
     UP,
@@ -68,18 +68,28 @@ class PairView:
         self._target = pose_of(pair.targets[pair.operator_target])
         # Upwards along the seat's axis: the part may have its y axis down.
         self._upwards = 1.0 if float(self._target.rotation[:, 1] @ self._target.position) > 0 else -1.0
-        hole_m = max((bore.top_y - bore.bottom_y for bore in task.parts[pair.first].bores), default=0.0)
-        self.depth_m = hole_m if handling.depth_m is None else handling.depth_m
+        self.depth_m = self._thread_m(task.parts[pair.first], task.parts[pair.second]) + handling.around_m
         self.clear_m = self.depth_m + _CLEAR_M if handling.clear_m is None else handling.clear_m
         self.open_width_m = OPEN_SHARE * task.gripper_width_m
+
+    def _thread_m(self, mate: PartSpec, part: PartSpec) -> float:
+        """How deep in its bore the tip of the part's peg is once it is mounted; 0 for a part without a peg [m]."""
+        if not part.pegs:
+            return 0.0
+        seat_y = float(self._target.position[1])
+        tip_y = seat_y + part.pegs[0].tip_y * float(self._target.rotation[1, 1])
+        rim_y = max((y for bore in mate.bores for y in (bore.bottom_y, bore.top_y)), key=lambda y: y * seat_y)
+        return abs(rim_y - tip_y)
 
     def part(self, scene: Scene) -> Pose:
         """Pose of the part."""
         return scene.part(self.part_index)
 
     def clear_of_part(self, scene: Scene) -> float:
-        """Height at which an open hand passes over the part that stands mounted [m]."""
-        return float(self.part(scene).position[2]) + self.handling.half_size_m[1] + _FINGER_TIP_M
+        """Height at which a hand passes over the part [m]."""
+        part = self.part(scene)
+        half_m = float(np.abs(part.rotation[2]) @ self.handling.half_size_m)
+        return float(part.position[2]) + half_m + _FINGER_TIP_M
 
     def seat_pose(self, scene: Scene) -> Pose:
         """Pose of the part once it is mounted."""
