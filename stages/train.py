@@ -81,7 +81,13 @@ def feature_spec(task_name: str) -> FeatureSpec:
     """The numbers of a task that its features need."""
     task = get_task(task_name)
     pairs = tuple(
-        PairSpec(first=pair.first, second=pair.second, target=pair.targets[pair.operator_target]) for pair in task.pairs
+        PairSpec(
+            first=pair.first,
+            second=pair.second,
+            target=pair.targets[pair.operator_target],
+            any_rotation=pair.any_rotation,
+        )
+        for pair in task.pairs
     )
     return FeatureSpec(num_parts=len(task.parts), pairs=pairs)
 

@@ -17,6 +17,11 @@ class StateObservationConfig(StrictConfig):
 
     fine_scales_m: tuple[float, ...] = Field(default=(0.003, 0.01, 0.04), description="saturation lengths of offsets")
     tilt_scale: float = Field(default=0.05, gt=0, description="saturation of the sine of a tilt")
+    pairs: Literal["next", "all"] = Field(
+        default="next", description="whether the pair that is next to be mounted is shown, or all of them side by side"
+    )
+    mounted_m: float = Field(default=0.005, gt=0, description="a part this close to its seat is mounted")
+    mounted_cosine: float = Field(default=0.94, description="if each of its axes is also turned as little as this")
     clip: float = Field(default=1.5, ge=1, description="bound of normalised features, whose training range is [-1, 1]")
 
 
@@ -28,12 +33,14 @@ class PairSpec(StrictConfig):
         second: Index of the part that is moved.
         target: Assembled pose ``(7,)`` of the second part in the frame of the first: metres, quaternion wxyz.
         axis: Axis of the second part along which it is inserted and about which it is screwed.
+        any_rotation: Whether it is mounted however it is turned.
     """
 
     first: int = Field(ge=0)
     second: int = Field(ge=0)
     target: tuple[float, float, float, float, float, float, float]
     axis: Literal["x", "y", "z"] = "y"
+    any_rotation: bool = False
 
 
 class FeatureSpec(StrictConfig):

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from juicer.policy.config import FeatureSpec, PairSpec, StateObservationConfig
 from juicer.policy.rotations import matrix_to_rot6d, quat_to_matrix, rot6d_to_matrix, rotate_back
@@ -36,33 +36,59 @@ class _Pose(NamedTuple):
 def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config: StateObservationConfig) -> Tensor:
     """Features ``(..., F)`` of observations ``(..., D)``; the first 16 are the proprioception itself.
 
-    For every pair follow: both parts' poses in the robot base frame; both seen from the gripper; the second
-    part seen from its target in the first; and the fine-scale copies of those offsets, of the second part's
-    axis as seen from the gripper and from the target, with its twist about that axis as sine and cosine.
+    Of the pair that is next to be mounted follow: both parts' poses in the robot base frame; both seen from the
+    gripper; the second part seen from its target in the first; the fine-scale copies of those offsets, of the second
+    part's axis as seen from the gripper and from the target, with its twist about that axis as sine and cosine; and
+    which pair it is, one number for each but the first. So what is learned of one leg is known of all legs, and parts
+    that do not matter now cannot mislead. ``config.pairs`` may ask for all pairs side by side instead.
     """
-    proprioception = observations["proprioception"]
+    proprioception, part_poses = observations["proprioception"], observations["part_poses"]
     gripper = _Pose(proprioception[..., POSITION], rot6d_to_matrix(proprioception[..., ROTATION]))
-    features = [proprioception]
-    for pair in spec.pairs:
-        features += _pair_features(gripper, observations["part_poses"], pair, config)
-    return torch.cat(features, dim=-1)
+    joints = [_joint(part_poses, pair) for pair in spec.pairs]
+    pairs = [
+        _pair_features(gripper, part_poses, pair, joint, config) for pair, joint in zip(spec.pairs, joints, strict=True)
+    ]
+    if config.pairs == "all":
+        return torch.cat([proprioception, *pairs], dim=-1)
+    mounted = [_is_mounted(joint, pair, config) for pair, joint in zip(spec.pairs, joints, strict=True)]
+    following = torch.stack(mounted, dim=-1).long().cumprod(dim=-1).sum(dim=-1).clamp(max=len(pairs) - 1)
+    shown = torch.take_along_dim(torch.stack(pairs, dim=-2), following[..., None, None], dim=-2).squeeze(-2)
+    which = nn.functional.one_hot(following, len(pairs))[..., 1:]
+    return torch.cat([proprioception, shown, which], dim=-1)
 
 
-def _pair_features(gripper: _Pose, part_poses: Tensor, pair: PairSpec, config: StateObservationConfig) -> list[Tensor]:
+def _joint(part_poses: Tensor, pair: PairSpec) -> _Pose:
+    """The second part of a pair, seen from where it belongs on the first."""
+    target = part_poses.new_tensor(pair.target)
+    first, second = _part_pose(part_poses, pair.first), _part_pose(part_poses, pair.second)
+    return second.seen_from(first).seen_from(_Pose(target[:3], quat_to_matrix(target[3:])))
+
+
+def _is_mounted(joint: _Pose, pair: PairSpec, config: StateObservationConfig) -> Tensor:
+    near = joint.position.abs().amax(dim=-1) <= config.mounted_m
+    if pair.any_rotation:
+        return near
+    return near & (joint.matrix.diagonal(dim1=-2, dim2=-1).amin(dim=-1) >= config.mounted_cosine)
+
+
+def _pair_features(
+    gripper: _Pose, part_poses: Tensor, pair: PairSpec, joint: _Pose, config: StateObservationConfig
+) -> Tensor:
     first, second = _part_pose(part_poses, pair.first), _part_pose(part_poses, pair.second)
     first_seen, second_seen = first.seen_from(gripper), second.seen_from(gripper)
-    target = part_poses.new_tensor(pair.target)
-    joint = second.seen_from(first).seen_from(_Pose(target[:3], quat_to_matrix(target[3:])))
     poses = (first, second, first_seen, second_seen, joint)
     offsets = torch.cat([first_seen.position, second_seen.position, joint.position], dim=-1)
     axis = "xyz".index(pair.axis)
     axes = torch.cat([second_seen.matrix[..., :, axis], joint.matrix[..., :, axis]], dim=-1)
-    return [
-        *(number for pose in poses for number in pose.numbers()),
-        *(torch.tanh(offsets / scale_m) for scale_m in config.fine_scales_m),
-        torch.tanh(axes / config.tilt_scale),
-        _twist(joint.matrix, axis),
-    ]
+    return torch.cat(
+        [
+            *(number for pose in poses for number in pose.numbers()),
+            *(torch.tanh(offsets / scale_m) for scale_m in config.fine_scales_m),
+            torch.tanh(axes / config.tilt_scale),
+            _twist(joint.matrix, axis),
+        ],
+        dim=-1,
+    )
 
 
 def _part_pose(part_poses: Tensor, index: int) -> _Pose:

@@ -111,3 +111,48 @@ def test_a_pair_must_name_existing_parts():
 def _pose_row(first, second):
     row = np.concatenate([np.zeros(3), matrix_to_quat(first), np.zeros(3), matrix_to_quat(second)])
     return row[None].astype(np.float32)
+
+
+TARGET = (0.0, 0.05, 0.0, 1.0, 0.0, 0.0, 0.0)
+LEG, BASE = PairSpec(first=0, second=1, target=TARGET), PairSpec(first=1, second=2, target=TARGET)
+TWO_PAIRS = FeatureSpec(num_parts=3, pairs=(LEG, BASE))
+
+
+def stacked(leg_turned=0.0, leg_aside=0.0, base_aside=0.1):
+    """Three parts, each over the other, and the hand beside them."""
+    turn = matrix_to_quat(rotvec_to_matrix(np.array([0.0, leg_turned, 0.0])))
+    parts = [[0, 0, 0, 1, 0, 0, 0], [leg_aside, 0.05, 0, *turn], [base_aside, 0.10, 0, 1, 0, 0, 0]]
+    proprioception = np.concatenate([[0.3, 0.2, 0.1, 1, 0, 0, 0, 1, 0], np.zeros(7)])
+    return {
+        "proprioception": proprioception[None].astype(np.float32),
+        "part_poses": np.concatenate(parts)[None].astype(np.float32),
+    }
+
+
+@pytest.mark.parametrize(
+    ("observations", "shown", "flag"),
+    [
+        (stacked(leg_aside=0.006), LEG, 0.0),
+        (stacked(leg_turned=0.4), LEG, 0.0),
+        (stacked(leg_aside=0.004), BASE, 1.0),
+        (stacked(leg_turned=0.3), BASE, 1.0),
+        (stacked(base_aside=0.0), BASE, 1.0),
+    ],
+    ids=["aside", "turned", "within the tolerance", "turned within it", "all mounted"],
+)
+def test_the_first_pair_that_is_not_mounted_is_shown_and_named(observations, shown, flag):
+    features = features_of(observations, TWO_PAIRS)[0]
+    alone = features_of(observations, FeatureSpec(num_parts=3, pairs=(shown,)))[0]
+    np.testing.assert_array_equal(features, [*alone, flag])
+
+
+def test_a_part_that_may_stand_at_any_rotation_is_mounted_at_any():
+    pairs = (LEG.model_copy(update={"any_rotation": True}), BASE)
+    features = features_of(stacked(leg_turned=2.0), FeatureSpec(num_parts=3, pairs=pairs))
+    assert features[0, -1] == 1.0
+
+
+def test_all_pairs_can_be_shown_side_by_side():
+    everything = features_of(stacked(), TWO_PAIRS, StateObservationConfig(pairs="all"))[0]
+    alone = [features_of(stacked(), FeatureSpec(num_parts=3, pairs=(pair,)))[0, 16:] for pair in (LEG, BASE)]
+    np.testing.assert_array_equal(everything[16:], np.concatenate(alone))
