@@ -13,7 +13,7 @@ UNET_LENGTH_MULTIPLE = 4
 
 
 class StateObservationConfig(StrictConfig):
-    """How finely relative poses are shown."""
+    """Which relative poses are shown, and how finely."""
 
     fine_scales_m: tuple[float, ...] = Field(default=(0.003, 0.01, 0.04), description="saturation lengths of offsets")
     tilt_scale: float = Field(default=0.05, gt=0, description="saturation of the sine of a tilt")

@@ -29,6 +29,10 @@ class _Pose(NamedTuple):
         offset = rotate_back(frame.matrix, self.position - frame.position)
         return _Pose(offset, frame.matrix.transpose(-1, -2) @ self.matrix)
 
+    def carrying(self, other: _Pose) -> _Pose:
+        moved = (self.matrix @ other.position.unsqueeze(-1)).squeeze(-1)
+        return _Pose(self.position + moved, self.matrix @ other.matrix)
+
     def numbers(self) -> list[Tensor]:
         return [self.position, matrix_to_rot6d(self.matrix)]
 
@@ -37,14 +41,15 @@ def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config
     """Features ``(..., F)`` of observations ``(..., D)``; the first 16 are the proprioception itself.
 
     Of the pair that is next to be mounted follow: both parts' poses in the robot base frame; both seen from the
-    gripper; the second part seen from its target in the first; the fine-scale copies of those offsets, of the second
-    part's axis as seen from the gripper and from the target, with its twist about that axis as sine and cosine; and
-    which pair it is, one number for each but the first. So what is learned of one leg is known of all legs, and parts
+    gripper; the second part seen from its target in the first; the way it still has to go, as seen from the gripper,
+    in whose frame actions may be given; the fine-scale copies of these offsets, of the second part's axis as seen from
+    the gripper and from the target, with its twist about that axis as sine and cosine; and which pair it is, one number
+    for each but the first. So what is learned of one leg is known of all legs, and parts
     that do not matter now cannot mislead. ``config.pairs`` may ask for all pairs side by side instead.
     """
     proprioception, part_poses = observations["proprioception"], observations["part_poses"]
     gripper = _Pose(proprioception[..., POSITION], rot6d_to_matrix(proprioception[..., ROTATION]))
-    joints = [_joint(part_poses, pair) for pair in spec.pairs]
+    joints = [_part_pose(part_poses, pair.second).seen_from(_goal(part_poses, pair)) for pair in spec.pairs]
     pairs = [
         _pair_features(gripper, part_poses, pair, joint, config) for pair, joint in zip(spec.pairs, joints, strict=True)
     ]
@@ -57,11 +62,10 @@ def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config
     return torch.cat([proprioception, shown, which], dim=-1)
 
 
-def _joint(part_poses: Tensor, pair: PairSpec) -> _Pose:
-    """The second part of a pair, seen from where it belongs on the first."""
+def _goal(part_poses: Tensor, pair: PairSpec) -> _Pose:
+    """Where the second part of a pair belongs."""
     target = part_poses.new_tensor(pair.target)
-    first, second = _part_pose(part_poses, pair.first), _part_pose(part_poses, pair.second)
-    return second.seen_from(first).seen_from(_Pose(target[:3], quat_to_matrix(target[3:])))
+    return _part_pose(part_poses, pair.first).carrying(_Pose(target[:3], quat_to_matrix(target[3:])))
 
 
 def _is_mounted(joint: _Pose, pair: PairSpec, config: StateObservationConfig) -> Tensor:
@@ -77,12 +81,14 @@ def _pair_features(
     first, second = _part_pose(part_poses, pair.first), _part_pose(part_poses, pair.second)
     first_seen, second_seen = first.seen_from(gripper), second.seen_from(gripper)
     poses = (first, second, first_seen, second_seen, joint)
-    offsets = torch.cat([first_seen.position, second_seen.position, joint.position], dim=-1)
+    way = _goal(part_poses, pair).seen_from(gripper).position - second_seen.position
+    offsets = torch.cat([first_seen.position, second_seen.position, joint.position, way], dim=-1)
     axis = "xyz".index(pair.axis)
     axes = torch.cat([second_seen.matrix[..., :, axis], joint.matrix[..., :, axis]], dim=-1)
     return torch.cat(
         [
             *(number for pose in poses for number in pose.numbers()),
+            way,
             *(torch.tanh(offsets / scale_m) for scale_m in config.fine_scales_m),
             torch.tanh(axes / config.tilt_scale),
             _twist(joint.matrix, axis),

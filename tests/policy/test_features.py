@@ -156,3 +156,13 @@ def test_all_pairs_can_be_shown_side_by_side():
     everything = features_of(stacked(), TWO_PAIRS, StateObservationConfig(pairs="all"))[0]
     alone = [features_of(stacked(), FeatureSpec(num_parts=3, pairs=(pair,)))[0, 16:] for pair in (LEG, BASE)]
     np.testing.assert_array_equal(everything[16:], np.concatenate(alone))
+
+
+def test_the_way_that_is_left_is_seen_from_the_gripper(spec, observe):
+    observations = observe(20)
+    first, second = (values.astype(np.float64) for values in np.split(observations["part_poses"], 2, axis=1))
+    place = first[:, :3] + np.einsum("nij,j->ni", quat_to_matrix(first[:, 3:]), np.array(spec.pairs[0].target[:3]))
+    rows = observations["proprioception"][:, 3:9].astype(np.float64).reshape(-1, 2, 3)
+    hand = np.concatenate([rows, np.cross(rows[:, 0], rows[:, 1])[:, None]], axis=1)
+    way = np.einsum("nij,ni->nj", hand, place - second[:, :3])
+    np.testing.assert_allclose(features_of(observations, spec)[:, 16 + 45 : 16 + 48], way, atol=1e-5)
