@@ -18,7 +18,7 @@ class StateObservationConfig(StrictConfig):
     fine_scales_m: tuple[float, ...] = Field(default=(0.003, 0.01, 0.04), description="saturation lengths of offsets")
     tilt_scale: float = Field(default=0.05, gt=0, description="saturation of the sine of a tilt")
     pairs: Literal["next", "all"] = Field(
-        default="next", description="whether the pair that is next to be mounted is shown, or all of them side by side"
+        default="next", description="which are shown: that to be mounted next and the one before it, or all of them"
     )
     mounted_m: float = Field(default=0.005, gt=0, description="a part this close to its seat is mounted")
     mounted_cosine: float = Field(default=0.94, description="if each of its axes is also turned as little as this")

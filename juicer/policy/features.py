@@ -40,12 +40,14 @@ class _Pose(NamedTuple):
 def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config: StateObservationConfig) -> Tensor:
     """Features ``(..., F)`` of observations ``(..., D)``; the first 16 are the proprioception itself.
 
-    Of the pair that is next to be mounted follow: both parts' poses in the robot base frame; both seen from the
-    gripper; the second part seen from its target in the first; the way it still has to go, as seen from the gripper,
-    in whose frame actions may be given; the fine-scale copies of these offsets, of the second part's axis as seen from
-    the gripper and from the target, with its twist about that axis as sine and cosine; and which pair it is, one number
-    for each but the first. So what is learned of one leg is known of all legs, and parts
-    that do not matter now cannot mislead. ``config.pairs`` may ask for all pairs side by side instead.
+    Of the pair that is next to be mounted, and of the one before it, follow: both parts' poses in the robot base
+    frame; both seen from the gripper; the second part seen from its target in the first; the way it still has to go,
+    as seen from the gripper, in whose frame actions may be given; the fine-scale copies of these offsets, of the second
+    part's axis as seen from the gripper and from the target, with its twist about that axis as sine and cosine. Last
+    comes which pair is next, one number for each but the first.
+
+    So what is learned of one leg is known of all legs, and parts that do not matter now cannot mislead.
+    ``config.pairs`` may ask for all pairs side by side instead.
     """
     proprioception, part_poses = observations["proprioception"], observations["part_poses"]
     gripper = _Pose(proprioception[..., POSITION], rot6d_to_matrix(proprioception[..., ROTATION]))
@@ -57,9 +59,11 @@ def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config
         return torch.cat([proprioception, *pairs], dim=-1)
     mounted = [_is_mounted(joint, pair, config) for pair, joint in zip(spec.pairs, joints, strict=True)]
     following = torch.stack(mounted, dim=-1).long().cumprod(dim=-1).sum(dim=-1).clamp(max=len(pairs) - 1)
-    shown = torch.take_along_dim(torch.stack(pairs, dim=-2), following[..., None, None], dim=-2).squeeze(-2)
+    # The first pair stands for the one before it, and a single one is shown once.
+    shown = torch.stack([following, (following - 1).clamp(min=0)], dim=-1)[..., : len(pairs), None]
     which = nn.functional.one_hot(following, len(pairs))[..., 1:]
-    return torch.cat([proprioception, shown, which], dim=-1)
+    features = torch.take_along_dim(torch.stack(pairs, dim=-2), shown, dim=-2).flatten(-2)
+    return torch.cat([proprioception, features, which], dim=-1)
 
 
 def _goal(part_poses: Tensor, pair: PairSpec) -> _Pose:
