@@ -51,14 +51,12 @@ def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config
     """
     proprioception, part_poses = observations["proprioception"], observations["part_poses"]
     gripper = _Pose(proprioception[..., POSITION], rot6d_to_matrix(proprioception[..., ROTATION]))
-    joints = [_part_pose(part_poses, pair.second).seen_from(_goal(part_poses, pair)) for pair in spec.pairs]
-    pairs = [
-        _pair_features(gripper, part_poses, pair, joint, config) for pair, joint in zip(spec.pairs, joints, strict=True)
-    ]
+    placed = [_placed(part_poses, pair) for pair in spec.pairs]
+    pairs = [_pair_features(gripper, each, config) for each in placed]
     if config.pairs == "all":
         return torch.cat([proprioception, *pairs], dim=-1)
-    mounted = [_is_mounted(joint, pair, config) for pair, joint in zip(spec.pairs, joints, strict=True)]
-    following = torch.stack(mounted, dim=-1).long().cumprod(dim=-1).sum(dim=-1).clamp(max=len(pairs) - 1)
+    mounted = torch.stack([_is_mounted(each, config) for each in placed], dim=-1)
+    following = mounted.long().cumprod(dim=-1).sum(dim=-1).clamp(max=len(pairs) - 1)
     # The first pair stands for the one before it, and a single one is shown once.
     shown = torch.stack([following, (following - 1).clamp(min=0)], dim=-1)[..., : len(pairs), None]
     which = nn.functional.one_hot(following, len(pairs))[..., 1:]
@@ -66,28 +64,37 @@ def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config
     return torch.cat([proprioception, features, which], dim=-1)
 
 
-def _goal(part_poses: Tensor, pair: PairSpec) -> _Pose:
-    """Where the second part of a pair belongs."""
-    target = part_poses.new_tensor(pair.target)
-    return _part_pose(part_poses, pair.first).carrying(_Pose(target[:3], quat_to_matrix(target[3:])))
+class _PlacedPair(NamedTuple):
+    """A pair in a scene: its parts, where the second belongs, and the second seen from there."""
+
+    spec: PairSpec
+    first: _Pose
+    second: _Pose
+    goal: _Pose
+    joint: _Pose
 
 
-def _is_mounted(joint: _Pose, pair: PairSpec, config: StateObservationConfig) -> Tensor:
-    near = joint.position.abs().amax(dim=-1) <= config.mounted_m
-    if pair.any_rotation:
-        return near
-    return near & (joint.matrix.diagonal(dim1=-2, dim2=-1).amin(dim=-1) >= config.mounted_cosine)
-
-
-def _pair_features(
-    gripper: _Pose, part_poses: Tensor, pair: PairSpec, joint: _Pose, config: StateObservationConfig
-) -> Tensor:
+def _placed(part_poses: Tensor, pair: PairSpec) -> _PlacedPair:
     first, second = _part_pose(part_poses, pair.first), _part_pose(part_poses, pair.second)
-    first_seen, second_seen = first.seen_from(gripper), second.seen_from(gripper)
-    poses = (first, second, first_seen, second_seen, joint)
-    way = _goal(part_poses, pair).seen_from(gripper).position - second_seen.position
+    target = part_poses.new_tensor(pair.target)
+    goal = first.carrying(_Pose(target[:3], quat_to_matrix(target[3:])))
+    return _PlacedPair(pair, first, second, goal, second.seen_from(goal))
+
+
+def _is_mounted(pair: _PlacedPair, config: StateObservationConfig) -> Tensor:
+    near = pair.joint.position.abs().amax(dim=-1) <= config.mounted_m
+    if pair.spec.any_rotation:
+        return near
+    return near & (pair.joint.matrix.diagonal(dim1=-2, dim2=-1).amin(dim=-1) >= config.mounted_cosine)
+
+
+def _pair_features(gripper: _Pose, pair: _PlacedPair, config: StateObservationConfig) -> Tensor:
+    joint = pair.joint
+    first_seen, second_seen = pair.first.seen_from(gripper), pair.second.seen_from(gripper)
+    poses = (pair.first, pair.second, first_seen, second_seen, joint)
+    way = pair.goal.seen_from(gripper).position - second_seen.position
     offsets = torch.cat([first_seen.position, second_seen.position, joint.position, way], dim=-1)
-    axis = "xyz".index(pair.axis)
+    axis = "xyz".index(pair.spec.axis)
     axes = torch.cat([second_seen.matrix[..., :, axis], joint.matrix[..., :, axis]], dim=-1)
     return torch.cat(
         [
