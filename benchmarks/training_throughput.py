@@ -33,6 +33,8 @@ NUM_EPISODES, NUM_STEPS, NUM_PARTS = 50, 500, 5
 SPEC = FeatureSpec(
     num_parts=NUM_PARTS,
     pairs=(PairSpec(first=0, second=4, target=(0.05625, 0.046875, 0.05625, 1.0, 0.0, 0.0, 0.0)),),
+    mounted_m=0.005,
+    mounted_cosine=0.94,
 )
 
 

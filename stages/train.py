@@ -16,6 +16,7 @@ from juicer.storage.curves import CurveWriter
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.tables import read_selection
 from juicer.tasks.registry import TASK_NAMES, get_task
+from juicer.tasks.specification import MOUNTED_COSINE, MOUNTED_M
 from juicer.training.config import TrainingConfig
 from juicer.training.windows import TrainingEpisodes
 from stages.stage import StageContext, stage
@@ -89,7 +90,7 @@ def feature_spec(task_name: str) -> FeatureSpec:
         )
         for pair in task.pairs
     )
-    return FeatureSpec(num_parts=len(task.parts), pairs=pairs)
+    return FeatureSpec(num_parts=len(task.parts), pairs=pairs, mounted_m=MOUNTED_M, mounted_cosine=MOUNTED_COSINE)
 
 
 class _Source:

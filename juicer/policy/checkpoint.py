@@ -20,7 +20,7 @@ from juicer.policy.network import PolicyNetwork, build_policy
 from juicer.policy.policy import TrainedPolicy
 from juicer.policy.replay import REPLAY_FILE, ReplayPolicy, load_replay
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 POLICY_FILE = "policy.json"
 WEIGHT_FILES = {"raw": "weights.safetensors", "ema": "ema.safetensors"}
 

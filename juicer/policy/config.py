@@ -20,8 +20,6 @@ class StateObservationConfig(StrictConfig):
     pairs: Literal["next", "all"] = Field(
         default="next", description="which are shown: that to be mounted next and the one before it, or all of them"
     )
-    mounted_m: float = Field(default=0.005, gt=0, description="a part this close to its seat is mounted")
-    mounted_cosine: float = Field(default=0.94, description="if each of its axes is also turned as little as this")
     clip: float = Field(default=1.5, ge=1, description="bound of normalised features, whose training range is [-1, 1]")
 
 
@@ -44,10 +42,19 @@ class PairSpec(StrictConfig):
 
 
 class FeatureSpec(StrictConfig):
-    """The numbers of an assembly task that the features need."""
+    """The numbers of an assembly task that the features need.
+
+    Attributes:
+        num_parts: Parts in the observation.
+        pairs: What is to be joined, in order.
+        mounted_m: How close each coordinate of a part must be to its place for it to be mounted.
+        mounted_cosine: Least cosine of the angle between each of its axes and where that belongs.
+    """
 
     num_parts: int = Field(gt=0)
     pairs: tuple[PairSpec, ...]
+    mounted_m: float = Field(gt=0)
+    mounted_cosine: float = Field(ge=-1, le=1)
 
     @model_validator(mode="after")
     def _pairs_name_parts(self) -> Self:

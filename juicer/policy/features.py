@@ -55,7 +55,7 @@ def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config
     pairs = [_pair_features(gripper, each, config) for each in placed]
     if config.pairs == "all":
         return torch.cat([proprioception, *pairs], dim=-1)
-    mounted = torch.stack([_is_mounted(each, config) for each in placed], dim=-1)
+    mounted = torch.stack([_is_mounted(each, spec) for each in placed], dim=-1)
     following = mounted.long().cumprod(dim=-1).sum(dim=-1).clamp(max=len(pairs) - 1)
     # The first pair stands for the one before it, and a single one is shown once.
     shown = torch.stack([following, (following - 1).clamp(min=0)], dim=-1)[..., : len(pairs), None]
@@ -81,11 +81,11 @@ def _placed(part_poses: Tensor, pair: PairSpec) -> _PlacedPair:
     return _PlacedPair(pair, first, second, goal, second.seen_from(goal))
 
 
-def _is_mounted(pair: _PlacedPair, config: StateObservationConfig) -> Tensor:
-    near = pair.joint.position.abs().amax(dim=-1) <= config.mounted_m
+def _is_mounted(pair: _PlacedPair, spec: FeatureSpec) -> Tensor:
+    near = pair.joint.position.abs().amax(dim=-1) <= spec.mounted_m
     if pair.spec.any_rotation:
         return near
-    return near & (pair.joint.matrix.diagonal(dim1=-2, dim2=-1).amin(dim=-1) >= config.mounted_cosine)
+    return near & (pair.joint.matrix.diagonal(dim1=-2, dim2=-1).amin(dim=-1) >= spec.mounted_cosine)
 
 
 def _pair_features(gripper: _Pose, pair: _PlacedPair, config: StateObservationConfig) -> Tensor:

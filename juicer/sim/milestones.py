@@ -13,10 +13,7 @@ from numpy.typing import NDArray
 
 from juicer.geometry import quat_to_matrix
 from juicer.sim.scene import home_xy
-from juicer.tasks.specification import AssemblyPair, AssemblyTask, Joint
-
-POSITION_TOLERANCE_M = 0.005
-AXIS_COSINE = 0.94
+from juicer.tasks.specification import MOUNTED_COSINE, MOUNTED_M, AssemblyPair, AssemblyTask, Joint
 
 _PLACED_M = 0.015
 _LIFTED_M = 0.05
@@ -31,7 +28,7 @@ Array = NDArray[np.float64]
 class PairProgress:
     """How far the second part of a pair has come, and FurnitureBench's test of whether it is assembled.
 
-    Assembled means that each axis is within 5 mm and every axis cosine at least 0.94, for any of the pair's targets.
+    Assembled means within :data:`MOUNTED_M` and :data:`MOUNTED_COSINE` of any of the pair's targets.
     """
 
     def __init__(self, task: AssemblyTask, pair: AssemblyPair) -> None:
@@ -57,7 +54,7 @@ class PairProgress:
         is_screwed = self.pair.joint is Joint.SCREWED
         reference = matrices[first]
         # This runs at every step, most of them with the part lying somewhere: nothing is measured in vain.
-        if is_screwed and not float(reference @ self._axis @ matrices[second, :, 1]) >= AXIS_COSINE:
+        if is_screwed and not float(reference @ self._axis @ matrices[second, :, 1]) >= MOUNTED_COSINE:
             return (lifted, False, False, False, False)
         offsets = (positions[second] - positions[first]) @ reference - self._positions
         assembled = self._is_assembled(offsets.tolist(), reference, matrices[second])
@@ -69,10 +66,10 @@ class PairProgress:
 
     def _is_assembled(self, offsets: list[list[float]], first: Array, second: Array) -> bool:
         for target, offset in enumerate(offsets):
-            if max(map(abs, offset)) <= POSITION_TOLERANCE_M:
+            if max(map(abs, offset)) <= MOUNTED_M:
                 if self.pair.any_rotation:
                     return True
-                if (first.T @ second * self._matrices[target]).sum(axis=0).min() >= AXIS_COSINE:
+                if (first.T @ second * self._matrices[target]).sum(axis=0).min() >= MOUNTED_COSINE:
                     return True
         return False
 

@@ -19,6 +19,11 @@ Pose = tuple[float, float, float, float, float, float, float]
 TABLE_HEIGHT_M = -0.015
 IDENTITY_QUAT = (1.0, 0.0, 0.0, 0.0)
 
+MOUNTED_M = 0.005
+MOUNTED_COSINE = 0.94
+"""FurnitureBench's test of a mounted part: each coordinate this close to its place, and the cosine of the angle
+between each of its axes and where it belongs at least this."""
+
 
 class Randomness(StrEnum):
     """How far the initial state may stray (FurnitureBench's levels)."""

@@ -13,7 +13,8 @@ Observations = dict[str, NDArray[np.float32]]
 @pytest.fixture
 def spec() -> FeatureSpec:
     """Two parts, the second of which belongs 5 cm above the first."""
-    return FeatureSpec(num_parts=2, pairs=(PairSpec(first=0, second=1, target=(0.0, 0.05, 0.0, 1.0, 0.0, 0.0, 0.0)),))
+    pair = PairSpec(first=0, second=1, target=(0.0, 0.05, 0.0, 1.0, 0.0, 0.0, 0.0))
+    return FeatureSpec(num_parts=2, pairs=(pair,), mounted_m=0.005, mounted_cosine=0.94)
 
 
 @pytest.fixture

@@ -57,7 +57,7 @@ def damage_schema(folder):
     [
         (lambda folder: (folder / "policy.json").unlink(), "is no checkpoint"),
         (lambda folder: (folder / "policy.json").write_text("{"), "cannot be read"),
-        (lambda folder: (folder / "policy.json").write_text('{"schema_version": 3}'), "is not valid: policy"),
+        (lambda folder: (folder / "policy.json").write_text('{"schema_version": 4}'), "is not valid: policy"),
         (damage_schema, "schema version 99"),
         (lambda folder: (folder / "ema.safetensors").unlink(), "cannot be read"),
         (lambda folder: (folder / "ema.safetensors").write_bytes(b"1234"), "cannot be read"),

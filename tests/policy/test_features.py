@@ -17,6 +17,10 @@ from juicer.policy.features import state_features
 CONFIG = StateObservationConfig()
 
 
+def spec_of(*pairs, num_parts=3):
+    return FeatureSpec(num_parts=num_parts, pairs=pairs, mounted_m=0.005, mounted_cosine=0.94)
+
+
 def features_of(observations, spec, config=CONFIG):
     tensors = {name: torch.from_numpy(values) for name, values in observations.items()}
     return state_features(tensors, spec, config).numpy()
@@ -105,7 +109,7 @@ def test_tilt_does_not_disturb_the_twist(spec):
 def test_a_pair_must_name_existing_parts():
     target = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
     with pytest.raises(ValidationError, match="beyond num_parts=2"):
-        FeatureSpec(num_parts=2, pairs=(PairSpec(first=0, second=2, target=target),))
+        spec_of(PairSpec(first=0, second=2, target=target), num_parts=2)
 
 
 def _pose_row(first, second):
@@ -115,7 +119,7 @@ def _pose_row(first, second):
 
 TARGET = (0.0, 0.05, 0.0, 1.0, 0.0, 0.0, 0.0)
 LEG, BASE = PairSpec(first=0, second=1, target=TARGET), PairSpec(first=1, second=2, target=TARGET)
-TWO_PAIRS = FeatureSpec(num_parts=3, pairs=(LEG, BASE))
+TWO_PAIRS = spec_of(LEG, BASE)
 
 
 def stacked(leg_turned=0.0, leg_aside=0.0, base_aside=0.1):
@@ -131,7 +135,7 @@ def stacked(leg_turned=0.0, leg_aside=0.0, base_aside=0.1):
 
 def alone(pair, observations):
     """What a policy is shown of a pair, behind the proprioception."""
-    return features_of(observations, FeatureSpec(num_parts=3, pairs=(pair,)))[0, 16:]
+    return features_of(observations, spec_of(pair))[0, 16:]
 
 
 @pytest.mark.parametrize(
@@ -151,8 +155,7 @@ def test_the_first_pair_that_is_not_mounted_is_shown_and_named_and_then_the_one_
 
 
 def test_a_part_that_may_stand_at_any_rotation_is_mounted_at_any():
-    pairs = (LEG.model_copy(update={"any_rotation": True}), BASE)
-    features = features_of(stacked(leg_turned=2.0), FeatureSpec(num_parts=3, pairs=pairs))
+    features = features_of(stacked(leg_turned=2.0), spec_of(LEG.model_copy(update={"any_rotation": True}), BASE))
     assert features[0, -1] == 1.0
 
 
