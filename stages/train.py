@@ -86,6 +86,7 @@ def feature_spec(task_name: str) -> FeatureSpec:
             first=pair.first,
             second=pair.second,
             target=pair.targets[pair.operator_target],
+            also_at=tuple(target for index, target in enumerate(pair.targets) if index != pair.operator_target),
             any_rotation=pair.any_rotation,
         )
         for pair in task.pairs

@@ -23,6 +23,9 @@ class StateObservationConfig(StrictConfig):
     clip: float = Field(default=1.5, ge=1, description="bound of normalised features, whose training range is [-1, 1]")
 
 
+Target = tuple[float, float, float, float, float, float, float]
+
+
 class PairSpec(StrictConfig):
     """Two parts that are to be joined.
 
@@ -30,13 +33,15 @@ class PairSpec(StrictConfig):
         first: Index of the part that receives.
         second: Index of the part that is moved.
         target: Assembled pose ``(7,)`` of the second part in the frame of the first: metres, quaternion wxyz.
+        also_at: Other poses at which it counts as mounted, in the same frame.
         axis: Axis of the second part along which it is inserted and about which it is screwed.
         any_rotation: Whether it is mounted however it is turned.
     """
 
     first: int = Field(ge=0)
     second: int = Field(ge=0)
-    target: tuple[float, float, float, float, float, float, float]
+    target: Target
+    also_at: tuple[Target, ...] = ()
     axis: Literal["x", "y", "z"] = "y"
     any_rotation: bool = False
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from juicer.policy.config import FeatureSpec, PairSpec, StateObservationConfig
+from juicer.policy.config import FeatureSpec, PairSpec, StateObservationConfig, Target
 from juicer.policy.rotations import matrix_to_rot6d, quat_to_matrix, rot6d_to_matrix, rotate_back
 
 POSITION = slice(0, 3)
@@ -76,16 +76,25 @@ class _PlacedPair(NamedTuple):
 
 def _placed(part_poses: Tensor, pair: PairSpec) -> _PlacedPair:
     first, second = _part_pose(part_poses, pair.first), _part_pose(part_poses, pair.second)
-    target = part_poses.new_tensor(pair.target)
-    goal = first.carrying(_Pose(target[:3], quat_to_matrix(target[3:])))
+    goal = _place(first, pair.target)
     return _PlacedPair(pair, first, second, goal, second.seen_from(goal))
 
 
+def _place(first: _Pose, target: Target) -> _Pose:
+    pose = first.position.new_tensor(target)
+    return first.carrying(_Pose(pose[:3], quat_to_matrix(pose[3:])))
+
+
 def _is_mounted(pair: _PlacedPair, spec: FeatureSpec) -> Tensor:
-    near = pair.joint.position.abs().amax(dim=-1) <= spec.mounted_m
-    if pair.spec.any_rotation:
+    others = [pair.second.seen_from(_place(pair.first, target)) for target in pair.spec.also_at]
+    return torch.stack([_is_in_place(joint, pair.spec, spec) for joint in (pair.joint, *others)]).any(dim=0)
+
+
+def _is_in_place(joint: _Pose, pair: PairSpec, spec: FeatureSpec) -> Tensor:
+    near = joint.position.abs().amax(dim=-1) <= spec.mounted_m
+    if pair.any_rotation:
         return near
-    return near & (pair.joint.matrix.diagonal(dim1=-2, dim2=-1).amin(dim=-1) >= spec.mounted_cosine)
+    return near & (joint.matrix.diagonal(dim1=-2, dim2=-1).amin(dim=-1) >= spec.mounted_cosine)
 
 
 def _pair_features(gripper: _Pose, pair: _PlacedPair, config: StateObservationConfig) -> Tensor:

@@ -159,6 +159,13 @@ def test_a_part_that_may_stand_at_any_rotation_is_mounted_at_any():
     assert features[0, -1] == 1.0
 
 
+def test_a_part_is_also_mounted_where_it_was_not_meant_to_go():
+    aside = (0.02, *TARGET[1:])
+    assert features_of(stacked(leg_aside=0.02), TWO_PAIRS)[0, -1] == 0.0
+    features = features_of(stacked(leg_aside=0.02), spec_of(LEG.model_copy(update={"also_at": (aside,)}), BASE))
+    assert features[0, -1] == 1.0
+
+
 def test_all_pairs_can_be_shown_side_by_side():
     everything = features_of(stacked(), TWO_PAIRS, StateObservationConfig(pairs="all"))[0]
     np.testing.assert_array_equal(everything[16:], [*alone(LEG, stacked()), *alone(BASE, stacked())])
