@@ -105,11 +105,13 @@ class _Sources:
         """Size of the demonstrations, and the machine that computed the last evaluation."""
         host = self._evaluations[-1].host
         facts = {"Machine": f"{host['cpus']} CPUs, {host['platform']}", "juicer": str(host["juicer"])}
-        for manifest in self._manifests:
-            if manifest.recipe.stage == "ingest":
-                summary = manifest.summary
-                facts["Demonstrations"] = f"{summary['episodes']} ({summary['steps']} steps)"
-        return facts
+        sizes = {
+            self._task_of(manifest): f"{manifest.summary['episodes']} ({manifest.summary['steps']} steps)"
+            for manifest in self._of_stage("ingest")
+        }
+        if len(sizes) > 1:
+            sizes = {task: f"{task} {size}" for task, size in sizes.items()}
+        return facts | ({"Demonstrations": ", ".join(sizes.values())} if sizes else {})
 
     def funnels(self) -> Iterator[Funnel]:
         """Milestones of every condition in the task's order, all its models together."""
@@ -136,7 +138,7 @@ class _Sources:
         for manifest in self._of_stage("augment"):
             summary = manifest.summary
             yield AugmentationYield(
-                label=f"{summary['snippets']} corrective episodes",
+                label=f"{summary['snippets']} corrective episodes of {self._task_of(manifest)}",
                 kept=summary["snippets"],
                 rejected=summary["rejections"],
                 by_critical_state={
@@ -173,6 +175,12 @@ class _Sources:
     def _of_stage(self, name: str) -> list[Manifest]:
         return [manifest for manifest in self._manifests if manifest.recipe.stage == name]
 
+    def _task_of(self, data: Manifest) -> str:
+        """The task of demonstrations, or of what was grown from them."""
+        if data.recipe.stage == "ingest":
+            return str(data.recipe.config["task"])
+        return self._task_of(self._store.manifest(data.recipe.inputs["episodes"][0]))
+
     def _name_of(self, checkpoint: Manifest) -> str:
         """The models that act with a checkpoint, or those that grew out of it."""
         for row, evaluation in zip(self._rows, self._evaluations, strict=True):
@@ -180,7 +188,7 @@ class _Sources:
                 return f"{row.condition}, seed {row.seed}"
         for row, evaluation in zip(self._rows, self._evaluations, strict=True):
             if checkpoint.ref in self._store.lineage(evaluation.ref):
-                return f"{row.condition}, seed {row.seed}, before retraining"
+                return f"{row.condition}, seed {row.seed}, before retraining, {', '.join(checkpoint.summary['tasks'])}"
         return checkpoint.ref.id
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +29,7 @@ from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
 from stages.record import RecordConfig, record
 from stages.report import ReportConfig, report
-from stages.report_data import ReportRow
+from stages.report_data import ReportRow, gather
 from stages.select import SelectConfig, select
 from stages.session import Session
 from stages.train import TrainConfig, train
@@ -253,6 +254,36 @@ def test_report_tells_of_every_condition_and_finding(loop):
     assert "CI, seed 0: no success." in page
     assert loop.evaluation.id[:6] in page
     assert json.dumps(summary(loop, ref)["best_condition"]) == '"TA"'
+
+
+def test_report_on_a_model_for_several_tasks_tells_their_data_apart(loop):
+    store = loop.store
+
+    def copied(ref, **changes):
+        """The same artifact, as if it had been made of other things."""
+        original = store.manifest(ref)
+        recipe = replace(original.recipe, **changes)
+        with store.create(recipe) as draft:
+            shutil.copytree(
+                store.open(ref), draft.path, dirs_exist_ok=True, ignore=shutil.ignore_patterns("manifest.json")
+            )
+            draft.summary |= original.summary
+        return recipe.ref
+
+    of_lamp = copied(loop.demonstrations, config=store.manifest(loop.demonstrations).recipe.config | {"task": "lamp"})
+    inputs = {"episodes": (of_lamp,), "annotations": (loop.annotations,)}
+    corrective = copied(loop.corrective, inputs=inputs)
+    data = (loop.demonstrations, loop.corrective, of_lamp, corrective)
+    checkpoint = copied(loop.checkpoint, inputs={"episodes": data})
+    evaluation = copied(loop.evaluation, inputs={"checkpoint": (checkpoint,)})
+    rows = [ReportRow(condition="multitask", seed=0)]
+    told = gather(store, [evaluation], rows, title="", task="one_leg", facts={}, findings=(), films=())
+    steps = summary(loop, loop.demonstrations)["steps"]
+    assert told.facts["Demonstrations"] == f"one_leg 2 ({steps} steps), lamp 2 ({steps} steps)"
+    assert [each.label for each in told.augmentations] == [
+        "2 corrective episodes of one_leg",
+        "2 corrective episodes of lamp",
+    ]
 
 
 def test_replayed_demonstrations_succeed_from_the_state_they_began_in(loop):
