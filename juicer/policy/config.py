@@ -27,14 +27,13 @@ Target = tuple[float, float, float, float, float, float, float]
 
 
 class PairSpec(StrictConfig):
-    """Two parts that are to be joined.
+    """Two parts that are to be joined, the second inserted along its own y axis and screwed about it.
 
     Attributes:
         first: Index of the part that receives.
         second: Index of the part that is moved.
         target: Assembled pose ``(7,)`` of the second part in the frame of the first: metres, quaternion wxyz.
         also_at: Other poses at which it counts as mounted, in the same frame.
-        axis: Axis of the second part along which it is inserted and about which it is screwed.
         any_rotation: Whether it is mounted however it is turned.
     """
 
@@ -42,7 +41,6 @@ class PairSpec(StrictConfig):
     second: int = Field(ge=0)
     target: Target
     also_at: tuple[Target, ...] = ()
-    axis: Literal["x", "y", "z"] = "y"
     any_rotation: bool = False
 
 

@@ -103,15 +103,14 @@ def _pair_features(gripper: _Pose, pair: _PlacedPair, config: StateObservationCo
     poses = (pair.first, pair.second, first_seen, second_seen, joint)
     way = pair.goal.seen_from(gripper).position - second_seen.position
     offsets = torch.cat([first_seen.position, second_seen.position, joint.position, way], dim=-1)
-    axis = "xyz".index(pair.spec.axis)
-    axes = torch.cat([second_seen.matrix[..., :, axis], joint.matrix[..., :, axis]], dim=-1)
+    axes = torch.cat([second_seen.matrix[..., :, 1], joint.matrix[..., :, 1]], dim=-1)
     return torch.cat(
         [
             *(number for pose in poses for number in pose.numbers()),
             way,
             *(torch.tanh(offsets / scale_m) for scale_m in config.fine_scales_m),
             torch.tanh(axes / config.tilt_scale),
-            _twist(joint.matrix, axis),
+            _twist(joint.matrix),
         ],
         dim=-1,
     )
@@ -122,10 +121,9 @@ def _part_pose(part_poses: Tensor, index: int) -> _Pose:
     return _Pose(pose[..., :3], quat_to_matrix(pose[..., 3:]))
 
 
-def _twist(matrix: Tensor, axis: int) -> Tensor:
-    """Sine and cosine ``(..., 2)`` of the rotation about one axis (swing-twist decomposition)."""
-    right, up = (axis + 1) % 3, (axis + 2) % 3
-    cosine = matrix[..., right, right] + matrix[..., up, up]
-    sine = matrix[..., up, right] - matrix[..., right, up]
+def _twist(matrix: Tensor) -> Tensor:
+    """Sine and cosine ``(..., 2)`` of the rotation about the y axis (swing-twist decomposition)."""
+    cosine = matrix[..., 2, 2] + matrix[..., 0, 0]
+    sine = matrix[..., 0, 2] - matrix[..., 2, 0]
     # Both vanish only for a part turned upside down, where the twist is undefined.
     return torch.stack([sine, cosine], dim=-1) / torch.hypot(sine, cosine).clamp_min(1e-6).unsqueeze(-1)
