@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from flows.machine import prepare_machine
 from juicer.errors import JuicerError
+from juicer.sim.display import draw_without_display
 
 INTERRUPTED = 130
 
@@ -197,7 +197,7 @@ def main() -> None:
 
 def call(arguments: list[str]) -> int:
     """Run a command; gives its exit status."""
-    prepare_machine()
+    draw_without_display()
     command = typer.main.get_command(app)
     try:
         status = command.main(arguments, prog_name="juicer", standalone_mode=False)

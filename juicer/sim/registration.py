@@ -1,9 +1,13 @@
-"""Gymnasium ids of the assembly tasks, e.g. ``juicer/OneLeg-v0``."""
+"""Gymnasium ids of the assembly tasks: ``gymnasium.make("juicer.sim.registration:juicer/OneLeg-v0")``.
+
+What stands before the colon is imported by Gymnasium, and importing this module registers the ids.
+"""
 
 from __future__ import annotations
 
 import gymnasium
 
+from juicer.sim.display import draw_without_display
 from juicer.tasks.registry import TASK_NAMES
 
 
@@ -12,13 +16,11 @@ def environment_id(task: str) -> str:
     return f"juicer/{''.join(word.capitalize() for word in task.split('_'))}-v0"
 
 
-def register_environments() -> None:
-    """Make ``gymnasium.make("juicer/OneLeg-v0")`` work. Called by Gymnasium itself through the entry point."""
-    for task in TASK_NAMES:
-        if environment_id(task) not in gymnasium.registry:
-            gymnasium.register(
-                id=environment_id(task),
-                entry_point="juicer.sim.env:AssemblyEnv",
-                vector_entry_point="juicer.sim.vector:AssemblyVectorEnv",
-                kwargs={"task": task},
-            )
+draw_without_display()
+for _task in TASK_NAMES:
+    gymnasium.register(
+        id=environment_id(_task),
+        entry_point="juicer.sim.env:AssemblyEnv",
+        vector_entry_point="juicer.sim.vector:AssemblyVectorEnv",
+        kwargs={"task": _task},
+    )

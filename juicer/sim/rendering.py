@@ -50,7 +50,7 @@ class CameraRenderer:
         except Exception as error:  # every OpenGL platform fails in its own way
             raise RenderingUnavailable(
                 f"no OpenGL platform can draw a picture here ({type(error).__name__}: {error}); "
-                "install libegl1 and libgl1-mesa-dri, or set MUJOCO_GL=osmesa with libosmesa6 installed"
+                "set MUJOCO_GL=egl with libegl1 and libgl1-mesa-dri installed, or MUJOCO_GL=osmesa with libosmesa6"
             ) from None
         self._renderers[width, height] = renderer
         return renderer

@@ -1,3 +1,7 @@
+import os
+import subprocess
+import sys
+
 import gymnasium
 import numpy as np
 import pytest
@@ -7,7 +11,7 @@ from juicer.episode import Outcome
 from juicer.errors import ConfigError, InvalidAction, InvalidEpisode
 from juicer.geometry import quat_to_matrix
 from juicer.sim.env import AssemblyEnv
-from juicer.sim.registration import environment_id, register_environments
+from juicer.sim.registration import environment_id
 from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import TABLE_HEIGHT_M
 
@@ -144,12 +148,26 @@ def test_the_hand_pushes_a_part_along(env):
 
 
 def test_gymnasium_accepts_the_environment(recwarn):
-    register_environments()
     env = gymnasium.make(environment_id("one_leg"))
     check_env(env.unwrapped, skip_render_check=True)
     unexpected = [str(warning.message) for warning in recwarn if "WARN" in str(warning.message)]
     unexpected = [message for message in unexpected if "observation space m" not in message]  # poses have no bounds
     assert unexpected == []
+
+
+def test_every_task_can_be_made_and_drawn_once_the_package_is_imported():
+    script = (
+        "import gymnasium, juicer.sim.registration\n"
+        "from juicer.tasks.registry import TASK_NAMES\n"
+        "for task in TASK_NAMES:\n"
+        "    name = ''.join(word.capitalize() for word in task.split('_'))\n"
+        "    env = gymnasium.make(f'juicer/{name}-v0', render_mode='rgb_array')\n"
+        "    env.reset(seed=0)\n"
+        "    assert env.render().std() > 10, task\n"
+    )
+    undisplayed = {name: value for name, value in os.environ.items() if name not in {"DISPLAY", "MUJOCO_GL"}}
+    done = subprocess.run([sys.executable, "-c", script], env=undisplayed, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_part_poses_are_the_simulators_in_the_robot_base_frame(env):
