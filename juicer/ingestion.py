@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,17 +16,20 @@ from juicer.episode import (
     ACTION_SIZE,
     FINAL_KEYS,
     PROPRIOCEPTION_SIZE,
+    STATE_KEY,
     STEP_DTYPES,
     Episode,
     EpisodeRecord,
     Outcome,
     Source,
 )
-from juicer.errors import InvalidAction, RejectedLog
+from juicer.errors import ConfigError, InvalidAction, RejectedLog
 from juicer.geometry import rot6d_to_matrix
 from juicer.gripper import gripper_commands
 from juicer.progress import Progress, silent_progress
+from juicer.sim.env import AssemblyEnv
 from juicer.tasks.registry import get_task
+from juicer.tasks.specification import parse_randomness
 from juicer.teleoperation.log import OperatorLog, read_log
 
 
@@ -86,6 +90,7 @@ def ingest_log(log: OperatorLog, config: IngestionConfig) -> Episode:
         raise RejectedLog("the operator marked it as failed")
     if log.outcome != Outcome.SUCCESS:
         raise RejectedLog(f"the operator marked it as a success, but the environment ended it as '{log.outcome}'")
+    _check_facts(log)
     _check_arrays(log)
     _check_actions(log)
     _check_timestamps(log.timestamp_s, config.max_gap_s)
@@ -111,6 +116,21 @@ def steps_to_keep(actions: NDArray[np.generic], idle: NDArray[np.bool_], kept_af
     return keep
 
 
+def _check_facts(log: OperatorLog) -> None:
+    try:
+        parse_randomness(log.randomness)
+    except ConfigError as error:
+        raise RejectedLog(str(error)) from None
+    num_pairs = len(get_task(log.task).pairs)
+    if not 0 <= log.parts_assembled <= num_pairs:
+        raise RejectedLog(f"it counts {log.parts_assembled} assembled pairs of the task's {num_pairs}")
+
+
+@cache
+def _sim_state_size(task: str) -> int:
+    return len(AssemblyEnv(task).get_state())
+
+
 def _check_arrays(log: OperatorLog) -> None:
     num_parts = len(get_task(log.task).parts)
     length = len(log)
@@ -132,6 +152,12 @@ def _check_arrays(log: OperatorLog) -> None:
         broken = np.flatnonzero(~np.isfinite(np.asarray(values, dtype=np.float64)).reshape(length, -1).all(axis=1))
         if broken.size:
             raise RejectedLog(f"array '{name}' holds NaN or infinite values, first at step {broken[0]}")
+    size = _sim_state_size(log.task)
+    if log.steps[STATE_KEY].shape != (length, size):
+        raise RejectedLog(
+            f"its simulator states have the shape {log.steps[STATE_KEY].shape[1:]} where those of the task's scene "
+            f"have {size} entries; it was recorded in another scene, record it again in this one"
+        )
     for name in FINAL_KEYS:
         if log.final[name].shape != log.steps[name].shape[1:] or not np.isfinite(log.final[name]).all():
             raise RejectedLog(f"the final '{name}' is not finite or unlike those of the steps")

@@ -18,7 +18,7 @@ from stages.stage import StageContext, stage
 REJECTIONS_SHOWN = 100
 
 
-@stage(kind="episodes", inputs={"logs": "logs"}, libraries=("numpy", "zarr"))
+@stage(kind="episodes", inputs={"logs": "logs"}, libraries=("mujoco", "numpy", "zarr"))
 def ingest(
     context: StageContext, *, logs: ArtifactRef | None = None, files: tuple[Path, ...] = (), config: IngestionConfig
 ) -> None:

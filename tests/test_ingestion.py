@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from juicer.episode import Episode, Outcome, Source
 from juicer.errors import ConfigError, RejectedLog
 from juicer.ingestion import IngestionConfig, Rejection, ingest, ingest_log, steps_to_keep
+from juicer.sim.env import AssemblyEnv
 from juicer.teleoperation.log import OperatorLog, write_log
 
 CONFIG = IngestionConfig()
 LENGTH = 80
+STATE_SIZE = len(AssemblyEnv("one_leg").get_state())
 
 
 def log_with(**changes: object) -> OperatorLog:
@@ -24,7 +26,7 @@ def log_with(**changes: object) -> OperatorLog:
     steps = {
         "proprioception": np.zeros((LENGTH, 16), np.float32),
         "part_poses": np.zeros((LENGTH, 35), np.float32),
-        "sim_state": np.arange(LENGTH * 4.0).reshape(LENGTH, 4),
+        "sim_state": np.arange(float(LENGTH * STATE_SIZE)).reshape(LENGTH, STATE_SIZE),
         "action": action,
         "reward": np.zeros(LENGTH, np.float32),
     }
@@ -126,6 +128,11 @@ BAD_LOGS = {
     "do not increase after step 30": {"timestamp_s": np.r_[np.arange(31), np.arange(30, LENGTH - 1)] * 0.1},
     "3.00 s pass after step 39": {"timestamp_s": np.arange(LENGTH) * 0.1 + 2.9 * (np.arange(LENGTH) > 39)},
     "only 40 of its steps are not idle": {"idle": np.arange(LENGTH) >= 40},
+    "unknown randomness 'lo'; did you mean 'low'": {"randomness": "lo"},
+    "counts 7 assembled pairs of the task's 1": {"parts_assembled": 7},
+    rf"shape \({STATE_SIZE + 1},\) where those of the task's scene have {STATE_SIZE} entries": {
+        "steps": {"sim_state": np.zeros((LENGTH, STATE_SIZE + 1))}
+    },
     "final 'sim_state'": {
         "final": {"proprioception": np.zeros(16), "part_poses": np.zeros(35), "sim_state": np.zeros(5)}
     },
@@ -154,6 +161,18 @@ def test_files_are_ingested_one_by_one_and_bad_ones_do_not_stop_the_rest(tmp_pat
     assert [type(result) for result in results] == [Episode, Rejection, Rejection, Episode]
     assert [result.source for result in results if isinstance(result, Rejection)] == ["b.npz", "c.npz"]
     assert reports == [(1, 4), (2, 4), (3, 4), (4, 4)]
+
+
+def test_a_log_of_another_scene_is_named_and_the_others_go_on(tmp_path: Path):
+    other = np.zeros((LENGTH, STATE_SIZE - 5))
+    final = {**log_with().final, "sim_state": other[-1]}
+    write_log(tmp_path / "a.npz", log_with(steps={"sim_state": other}, final=final))
+    write_log(tmp_path / "b.npz", log_with())
+    rejection, episode = ingest(sorted(tmp_path.iterdir()), CONFIG)
+    assert isinstance(rejection, Rejection)
+    assert isinstance(episode, Episode)
+    assert rejection.source == "a.npz"
+    assert "another scene" in rejection.reason
 
 
 def test_an_unknown_task_is_a_config_error():

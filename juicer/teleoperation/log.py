@@ -96,14 +96,15 @@ def read_log(path: Path) -> OperatorLog:
     Only the file is judged here, whether it holds a good demonstration is :mod:`juicer.ingestion`'s question.
 
     Raises:
-        RejectedLog: If the file is missing, truncated, of another format or version, or lacks an entry.
+        RejectedLog: If the file is missing, truncated, of another format or version, or lacks an entry, or if an
+            entry is of another type than it must be.
     """
     try:
         # A context for the file, not only for the archive: numpy leaves it open when the archive is broken.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             header = _header(archive)
-            arrays = {name: archive[name] for name in _ARRAYS}
-            final = {name: archive[f"final_{name}"] for name in FINAL_KEYS}
+            arrays = {name: _array(archive, name, dtype) for name, dtype in _ARRAYS.items()}
+            final = {name: _array(archive, f"final_{name}", STEP_DTYPES[name]) for name in FINAL_KEYS}
     except FileNotFoundError:
         raise RejectedLog("the file does not exist") from None
     except RejectedLog:
@@ -129,9 +130,25 @@ def _header(archive: Mapping[str, Any]) -> dict[str, Any]:
     if header.get("version") != VERSION:
         raise RejectedLog(f"it has format version {header.get('version')}, but this program reads version {VERSION}")
     for name, kind in _HEADER_TYPES.items():
-        if not isinstance(header.get(name, _MISSING), kind):
+        value = header.get(name, _MISSING)
+        # To Python true and false are integers.
+        if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
             raise RejectedLog(f"header entry '{name}' is missing or of the wrong type")
+    for name, step in header["milestones"].items():
+        if not isinstance(step, int) or isinstance(step, bool) or step < 0:
+            raise RejectedLog(f"milestone '{name}' must be the number of a step, got {step!r}")
     return header
+
+
+def _array(archive: Mapping[str, Any], name: str, dtype: type[np.generic]) -> NDArray[Any]:
+    """An array as it is stored, so that nothing that is judged now changes when it is written."""
+    values: NDArray[Any] = archive[name]
+    if values.ndim == 0 or not np.can_cast(values.dtype, dtype, "same_kind"):
+        raise RejectedLog(
+            f"array '{name}' must hold {np.dtype(dtype)} along an axis, got {values.dtype} of shape {values.shape}"
+        )
+    with np.errstate(over="ignore"):  # what is too large becomes infinite, and is named as such
+        return values.astype(dtype)
 
 
 _MISSING = object()

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from juicer.errors import RejectedLog
 from juicer.teleoperation.log import VERSION, read_log, write_log
@@ -78,9 +81,11 @@ def test_pickled_content_is_never_loaded(make_log, tmp_path: Path):
         read_log(tmp_path / "log.npz")
 
 
-def _rewrite(path: Path, drop: str = "", **header_changes: object) -> None:
+def _rewrite(
+    path: Path, drop: str = "", arrays: Mapping[str, NDArray[Any]] | None = None, **header_changes: object
+) -> None:
     with np.load(path) as archive:
-        entries = {name: archive[name] for name in archive.files if name != drop}
+        entries = {name: archive[name] for name in archive.files if name != drop} | (arrays or {})
     header = json.loads(str(entries["header"])) | header_changes
     entries["header"] = np.array(json.dumps(header))
     np.savez(path, **entries)
@@ -105,3 +110,36 @@ def test_a_wrong_header_entry_is_named(make_log, tmp_path: Path):
     _rewrite(tmp_path / "log.npz", seed="seven")
     with pytest.raises(RejectedLog, match="'seed'"):
         read_log(tmp_path / "log.npz")
+
+
+@pytest.mark.parametrize("seed", [True, 7.0, None])
+def test_a_seed_that_is_no_integer_is_named(make_log, tmp_path: Path, seed: object):
+    write_log(tmp_path / "log.npz", make_log())
+    _rewrite(tmp_path / "log.npz", seed=seed)
+    with pytest.raises(RejectedLog, match="'seed'"):
+        read_log(tmp_path / "log.npz")
+
+
+@pytest.mark.parametrize("step", ["40", 40.0, None, True, [40], -1])
+def test_a_milestone_that_is_no_step_is_named(make_log, tmp_path: Path, step: object):
+    write_log(tmp_path / "log.npz", make_log())
+    _rewrite(tmp_path / "log.npz", milestones={"leg_lifted": step})
+    with pytest.raises(RejectedLog, match="milestone 'leg_lifted' must be the number of a step"):
+        read_log(tmp_path / "log.npz")
+
+
+@pytest.mark.parametrize("name", ["action", "sim_state", "idle", "timestamp_s", "final_part_poses"])
+@pytest.mark.parametrize("values", [np.array(["none"] * 80), np.zeros((80, 10), complex), np.array(0.0)])
+def test_an_array_of_another_type_is_named(make_log, tmp_path: Path, name: str, values: NDArray[Any]):
+    write_log(tmp_path / "log.npz", make_log())
+    _rewrite(tmp_path / "log.npz", arrays={name: values})
+    with pytest.raises(RejectedLog, match=f"array '{name}' must hold"):
+        read_log(tmp_path / "log.npz")
+
+
+def test_numbers_are_read_as_they_will_be_stored(make_log, tmp_path: Path):
+    write_log(tmp_path / "log.npz", make_log())
+    _rewrite(tmp_path / "log.npz", arrays={"proprioception": np.full((80, 16), 1e300)})
+    proprioception = read_log(tmp_path / "log.npz").steps["proprioception"]
+    assert proprioception.dtype == np.float32
+    assert np.isinf(proprioception).all()
