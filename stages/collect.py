@@ -9,8 +9,8 @@ from pydantic import Field
 
 from juicer.artifacts.ref import ArtifactRef
 from juicer.episode import Episode, Outcome
-from juicer.evaluation import Purpose
 from juicer.progress import Progress
+from juicer.seed_ranges import Purpose
 from juicer.storage.episodes import write_episodes
 from stages.rollouts import RolloutConfig, roll_out
 from stages.stage import StageContext, stage

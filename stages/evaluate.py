@@ -9,7 +9,8 @@ from pydantic import Field
 
 from juicer.artifacts.ref import ArtifactRef
 from juicer.episode import Episode, Outcome
-from juicer.evaluation import Purpose, milestone_counts, wilson_interval
+from juicer.evaluation import milestone_counts, wilson_interval
+from juicer.seed_ranges import Purpose
 from juicer.storage.episodes import write_episodes
 from juicer.storage.tables import EvaluationRow, write_evaluation
 from juicer.tasks.registry import get_task

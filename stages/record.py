@@ -6,7 +6,7 @@ from pydantic import Field
 
 from juicer.config import StrictConfig
 from juicer.errors import NothingLeft
-from juicer.evaluation import Purpose, claim
+from juicer.seed_ranges import Purpose, claim
 from juicer.tasks.specification import Randomness
 from juicer.teleoperation.log import SUFFIX
 from juicer.teleoperation.operator import DEVICE

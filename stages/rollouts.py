@@ -9,9 +9,9 @@ from pydantic import Field
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.episode import Episode
-from juicer.evaluation import Purpose, claim
 from juicer.progress import Progress
 from juicer.rollout import rollout
+from juicer.seed_ranges import Purpose, claim
 from juicer.tasks.specification import Randomness
 from stages.stage import StageContext
 

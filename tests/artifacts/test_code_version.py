@@ -33,6 +33,13 @@ def test_the_store_itself_shapes_no_result() -> None:
     assert not any(name.startswith("juicer.artifacts") for name in module_versions("juicer.storage.episodes"))
 
 
+@pytest.mark.parametrize("stage", ["record", "collect"])
+def test_making_data_does_not_depend_on_how_results_are_compared(stage: str) -> None:
+    modules = module_versions(f"stages.{stage}")
+    assert "juicer.seed_ranges" in modules
+    assert "juicer.evaluation" not in modules
+
+
 def test_a_version_costs_little_and_imports_nothing() -> None:
     program = """
 import sys, time

@@ -10,7 +10,7 @@ from flows.conditions import METHODS, Condition
 from flows.config import CollectInferConfig, StudyConfig, load_runs
 from juicer.augmentation.config import PAPER_AUGMENTATION
 from juicer.errors import ConfigError
-from juicer.evaluation import Purpose, claim
+from juicer.seed_ranges import Purpose, claim
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
