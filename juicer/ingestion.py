@@ -27,6 +27,7 @@ from juicer.errors import ConfigError, InvalidAction, RejectedLog
 from juicer.geometry import rot6d_to_matrix
 from juicer.gripper import gripper_commands
 from juicer.progress import Progress, silent_progress
+from juicer.seed_ranges import Purpose, check_seeds
 from juicer.sim.env import AssemblyEnv
 from juicer.tasks.registry import get_task
 from juicer.tasks.specification import parse_randomness
@@ -119,6 +120,7 @@ def steps_to_keep(actions: NDArray[np.generic], idle: NDArray[np.bool_], kept_af
 def _check_facts(log: OperatorLog) -> None:
     try:
         parse_randomness(log.randomness)
+        check_seeds(Purpose.DEMONSTRATIONS, [log.seed])
     except ConfigError as error:
         raise RejectedLog(str(error)) from None
     num_pairs = len(get_task(log.task).pairs)

@@ -1,7 +1,7 @@
 """Initial states that belong to one purpose each.
 
 Initial states are seeds of the simulator. Each purpose owns a range of them, so that no rate is measured
-on a state that a demonstration, a collected rollout or the choice of a model has seen.
+on a state that a demonstration or a collected rollout has seen.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ class Purpose(StrEnum):
 
     DEMONSTRATIONS = "demonstrations"
     COLLECTION = "collection"
-    MODEL_SELECTION = "model_selection"
     EVALUATION = "evaluation"
 
 
 SEED_RANGES: Mapping[Purpose, range] = {
-    purpose: range(index * 1_000_000, (index + 1) * 1_000_000) for index, purpose in enumerate(Purpose)
+    Purpose.DEMONSTRATIONS: range(1_000_000),
+    Purpose.COLLECTION: range(1_000_000, 2_000_000),
+    Purpose.EVALUATION: range(3_000_000, 4_000_000),
 }
 """Initial-state seeds of each purpose; disjoint, and never to be moved: results refer to them."""
 

@@ -129,6 +129,8 @@ BAD_LOGS = {
     "3.00 s pass after step 39": {"timestamp_s": np.arange(LENGTH) * 0.1 + 2.9 * (np.arange(LENGTH) > 39)},
     "only 40 of its steps are not idle": {"idle": np.arange(LENGTH) >= 40},
     "unknown randomness 'lo'; did you mean 'low'": {"randomness": "lo"},
+    "seed 3000001 must not be used for demonstrations; its seeds are 0 to 999999": {"seed": 3_000_001},
+    "seed -1 must not be used for demonstrations": {"seed": -1},
     "counts 7 assembled pairs of the task's 1": {"parts_assembled": 7},
     rf"shape \({STATE_SIZE + 1},\) where those of the task's scene have {STATE_SIZE} entries": {
         "steps": {"sim_state": np.zeros((LENGTH, STATE_SIZE + 1))}
