@@ -27,7 +27,7 @@ class Settings(BaseSettings):
         workers: Stages that run at the same time.
         spread: Whether the stages of flows run on the machines that serve them (``juicer serve``) instead of this one.
         num_envs: Simulated environments that a rollout steps side by side.
-        device: Torch device that policies are trained on, e.g. ``cuda``.
+        device: Torch device that policies are trained on: ``cpu``, ``cuda``, or ``cuda:1`` for the second GPU.
         startup_seconds: How long a Prefect or MLflow server may take to answer after its start.
     """
 
@@ -39,7 +39,7 @@ class Settings(BaseSettings):
     workers: int = Field(default=2, ge=1)
     spread: bool = False
     num_envs: int = Field(default=16, ge=1)
-    device: str = "cpu"
+    device: str = Field(default="cpu", pattern="^(cpu|cuda(:[0-9]+)?)$")
     startup_seconds: int = Field(default=120, ge=1)
 
     @cached_property

@@ -75,16 +75,16 @@ def train(
         metrics: Told of loss, learning rate and validation.
 
     Raises:
-        ConfigError: If settings contradict each other.
+        ConfigError: If settings contradict each other, or there is no such device.
         TrainingFailed: If there is too little data, or the loss is no longer a number.
     """
+    torch_device = _usable_device(device)
     if isinstance(config.state_noise, OriginalStateNoise) and policy.action_frame != "absolute":
         raise ConfigError(
             "state_noise 'original' perturbs normalised numbers, from which no pose for relative actions can be "
             "taken; use state_noise 'physical' or action_frame 'absolute'"
         )
     episodes = concatenate(sources)
-    torch_device = torch.device(device)
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
         network = build_policy(policy, tasks, torch_seed(seed, "weights")).to(torch_device)
@@ -190,6 +190,18 @@ class _Loop:
     def _record(self, metrics: Mapping[str, float], step: int) -> None:
         self._metrics.log(metrics, step)
         self._facts |= metrics
+
+
+def _usable_device(name: str) -> torch.device:
+    try:
+        torch.empty(0, device=name)
+    except (RuntimeError, AssertionError) as error:  # builds of torch for CPUs assert
+        reason = str(error).partition("\n")[0].rstrip(".")
+        raise ConfigError(
+            f"torch cannot use the device '{name}' ({reason}); set JUICER_DEVICE to cpu, or to a GPU of this machine "
+            "and install a build of torch for it"
+        ) from None
+    return torch.device(name)
 
 
 def _settings(policy: PolicyConfig, tasks: Tasks, config: TrainingConfig, seed: int) -> dict[str, object]:

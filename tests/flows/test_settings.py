@@ -22,12 +22,20 @@ def test_store_and_tracking_can_be_elsewhere(monkeypatch):
     assert not read_settings().tracks
 
 
+@pytest.mark.parametrize("device", ["cpu", "cuda", "cuda:1"])
+def test_device_may_be_a_gpu(monkeypatch, device):
+    monkeypatch.setenv("JUICER_DEVICE", device)
+    assert read_settings().device == device
+
+
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
         ("JUICER_STOER", "x", r"JUICER_STOER is not known; did you mean 'JUICER_STORE'\?"),
         ("JUICER_WORKERS", "many", r"JUICER_WORKERS: .*got 'many'"),
         ("JUICER_WORKERS", "0", r"JUICER_WORKERS: Input should be greater than or equal to 1"),
+        ("JUICER_DEVICE", "gpu", r"JUICER_DEVICE: .*cpu\|cuda.*got 'gpu'"),
+        ("JUICER_DEVICE", "cuda:first", r"JUICER_DEVICE: .*got 'cuda:first'"),
     ],
 )
 def test_mistake_names_the_variable(monkeypatch, name, value, message):

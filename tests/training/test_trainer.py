@@ -206,6 +206,12 @@ def test_the_original_noise_is_refused_with_relative_actions(episodes, tasks, po
         train([episodes()], policy_config, tasks, config, seed=0)
 
 
+@pytest.mark.parametrize("device", ["cuda:99", "gpu"])
+def test_a_device_that_is_not_there_is_named_before_anything_else(tasks, policy_config, training_config, device):
+    with pytest.raises(ConfigError, match=f"cannot use the device '{device}' .*set JUICER_DEVICE to cpu"):
+        train([], policy_config, tasks, training_config, seed=0, device=device)
+
+
 def test_a_loss_that_is_no_number_ends_the_training(episodes, tasks, policy_config, training_config):
     config = training_config.model_copy(update={"learning_rate": 1e30, "warmup_steps": 0})
     with pytest.raises(TrainingFailed, match=r"lower training\.learning_rate"):
