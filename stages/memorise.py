@@ -24,7 +24,8 @@ def memorise(context: StageContext, *, episodes: ArtifactRef, config: MemoriseCo
     starts = reader.episode_ends - reader.lengths
     parts = sorted({part for pair in task.pairs for part in (pair.first, pair.second)})
     actions = np.split(reader.steps("action"), starts[1:])
-    ReplayPolicy(reader.steps("part_poses")[starts], actions, parts, task.max_steps).save(context.draft.path)
+    policy = ReplayPolicy(reader.steps("part_poses")[starts], actions, parts, task.max_steps)
+    policy.save(context.draft.path, task.name)
     context.draft.summary |= {
         "tasks": [task.name],
         "episodes": {"teleop": len(reader)},

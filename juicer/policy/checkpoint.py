@@ -57,7 +57,7 @@ class Checkpoint:
     weights: Mapping[str, Tensor]
     ema: Mapping[str, Tensor] | None
 
-    def policy(self, task: str, threads: int = 1) -> TrainedPolicy:
+    def policy(self, task: str) -> TrainedPolicy:
         """The policy, ready to act on a task.
 
         Raises:
@@ -66,7 +66,7 @@ class Checkpoint:
         weights = self.ema if self.metadata.acting_weights == "ema" else self.weights
         network = build_policy(self.metadata.policy, self.metadata.tasks, seed=0)
         _fill(network, weights or {}, "the checkpoint")
-        return TrainedPolicy(network, task, threads)
+        return TrainedPolicy(network, task)
 
 
 def save_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
@@ -94,15 +94,20 @@ def load_checkpoint(folder: Path) -> Checkpoint:
     )
 
 
-def load_policy(folder: Path, task: str, threads: int = 1) -> TrainedPolicy | ReplayPolicy:
+def load_policy(folder: Path, task: str, max_steps: int | None = None) -> TrainedPolicy | ReplayPolicy:
     """The policy of a checkpoint folder, ready to act on a task.
+
+    Args:
+        folder: Payload of a checkpoint.
+        task: Assembly task that is to be done.
+        max_steps: Steps that an episode may take, if not as many as the task allows.
 
     Raises:
         InvalidCheckpoint: See :func:`load_checkpoint`; or if the policy was not trained for the task.
     """
     if (replay := folder / REPLAY_FILE).exists():
-        return load_replay(replay)
-    return load_checkpoint(folder).policy(task, threads)
+        return load_replay(replay, task, max_steps)
+    return load_checkpoint(folder).policy(task)
 
 
 def _read_metadata(path: Path) -> CheckpointMetadata:

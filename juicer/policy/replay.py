@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
 
 from juicer.errors import InvalidCheckpoint
 from juicer.geometry import quat_to_matrix, rotation_angle
@@ -72,8 +72,8 @@ class ReplayPolicy:
         steps = np.minimum(np.arange(self._steps), len(self._actions[index]) - 1)
         return self._actions[index][steps]
 
-    def save(self, folder: Path) -> None:
-        """Write the policy as a checkpoint."""
+    def save(self, folder: Path, task: str) -> None:
+        """Write the policy as a checkpoint for the task that its demonstrations show."""
         tensors = {
             "first_poses": self._first_poses,
             "actions": np.concatenate(self._actions),
@@ -81,18 +81,29 @@ class ReplayPolicy:
             "parts": np.array(self._parts),
             "steps": np.array(self._steps),
         }
-        save_file(tensors, folder / REPLAY_FILE)
+        save_file(tensors, folder / REPLAY_FILE, {"task": task})
 
 
-def load_replay(path: Path) -> ReplayPolicy:
+def load_replay(path: Path, task: str, max_steps: int | None = None) -> ReplayPolicy:
     """Read what :meth:`ReplayPolicy.save` wrote.
 
+    Args:
+        path: The file.
+        task: Assembly task that is to be done.
+        max_steps: Steps that an episode may take, if they may be more than when the policy was saved.
+
     Raises:
-        InvalidCheckpoint: If the file cannot be read.
+        InvalidCheckpoint: If the file cannot be read, or its demonstrations show another task.
     """
     try:
-        content = load_file(path)
+        with safe_open(path, framework="numpy") as file:
+            shown = (file.metadata() or {})["task"]
+            content = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no mapping)
+        if shown != task:
+            raise InvalidCheckpoint(f"the demonstrations to replay show '{shown}', not '{task}'")
         actions = np.split(content["actions"], content["ends"][:-1])
-        return ReplayPolicy(content["first_poses"], actions, content["parts"].tolist(), int(content["steps"]))
+        # A second chunk would begin the demonstration anew.
+        steps = max(int(content["steps"]), max_steps or 0)
+        return ReplayPolicy(content["first_poses"], actions, content["parts"].tolist(), steps)
     except (OSError, KeyError, ValueError, SafetensorError) as error:
         raise InvalidCheckpoint(f"demonstrations to replay in '{path}' cannot be read: {error}") from None

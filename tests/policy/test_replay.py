@@ -41,14 +41,28 @@ def test_parts_that_do_not_matter_decide_nothing(policy):
 
 
 def test_checkpoint_plays_the_same(policy, tmp_path):
-    policy.save(tmp_path)
+    policy.save(tmp_path, "toy")
     row = poses(0.1, QUARTER_TURN)
     np.testing.assert_array_equal(play(load_policy(tmp_path, "toy"), row), play(policy, row))
 
 
 def test_damaged_checkpoint_is_told_in_a_sentence(policy, tmp_path):
-    policy.save(tmp_path)
+    policy.save(tmp_path, "toy")
     whole = (tmp_path / REPLAY_FILE).read_bytes()
     (tmp_path / REPLAY_FILE).write_bytes(whole[:-40])
     with pytest.raises(InvalidCheckpoint, match="cannot be read"):
         load_policy(tmp_path, "toy")
+
+
+def test_demonstrations_of_another_task_are_refused(policy, tmp_path):
+    policy.save(tmp_path, "toy")
+    with pytest.raises(InvalidCheckpoint, match="show 'toy', not 'lamp'"):
+        load_policy(tmp_path, "lamp")
+
+
+def test_last_action_is_held_however_long_the_episode_may_take(policy, tmp_path):
+    policy.save(tmp_path, "toy")
+    longer = load_policy(tmp_path, "toy", max_steps=12)
+    assert longer.action_horizon == 12
+    np.testing.assert_allclose(play(longer, poses(0.0))[0, :, 0], [0.1] + [0.9] * 11)
+    assert load_policy(tmp_path, "toy", max_steps=3).action_horizon == policy.action_horizon

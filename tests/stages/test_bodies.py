@@ -12,7 +12,7 @@ import pytest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.critical_states import AnnotationConfig
-from juicer.errors import NothingLeft, WrongArtifactKind
+from juicer.errors import InvalidCheckpoint, NothingLeft, WrongArtifactKind
 from juicer.ingestion import IngestionConfig
 from juicer.policy.checkpoint import load_policy
 from juicer.rollout import rollout
@@ -294,3 +294,23 @@ def test_replayed_demonstrations_succeed_from_the_state_they_began_in(loop):
     recorded = EpisodeReader(loop.store.open(loop.demonstrations)).read(0)
     np.testing.assert_array_equal(episode.steps["action"][: len(recorded)], recorded.steps["action"])
     assert evaluate(loop.session, checkpoint=checkpoint, config=EVALUATE).kind == "evaluation"
+
+
+def test_demonstrations_are_not_replayed_on_another_task(loop):
+    checkpoint = memorise(loop.session, episodes=loop.demonstrations, config=MemoriseConfig())
+    with pytest.raises(InvalidCheckpoint, match="show 'one_leg', not 'square_table'"):
+        evaluate(loop.session, checkpoint=checkpoint, config=EvaluateConfig(task="square_table", episodes=1))
+
+
+def test_a_replay_lasts_as_long_as_the_episodes_may(loop, monkeypatch):
+    checkpoint = memorise(loop.session, episodes=loop.demonstrations, config=MemoriseConfig())
+    horizons = []
+
+    def note_horizon(policy, *_, **__):
+        horizons.append(policy.action_horizon)
+        return iter(())
+
+    monkeypatch.setattr("stages.rollouts.rollout", note_horizon)
+    with pytest.raises(NothingLeft):
+        evaluate(loop.session, checkpoint=checkpoint, config=EvaluateConfig(max_steps=7000))
+    assert horizons == [7000]
