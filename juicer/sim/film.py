@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from juicer.episode import STATE_KEY, Episode
-from juicer.errors import ConfigError
+from juicer.errors import ConfigError, JuicerError
 from juicer.sim.env import AssemblyEnv
 
 STEP_SECONDS = 0.1
@@ -46,14 +47,15 @@ def evenly_spaced(episode: Episode, count: int) -> list[int]:
 
 
 def write_video(path: Path, pictures: Iterable[Picture], frames_per_second: int = 20) -> int:
-    """Write an H.264 film; gives the number of frames.
+    """Write an H.264 film under its name once it is whole; gives the number of frames.
 
     Raises:
         ConfigError: If the file cannot be written, or its ending names no film format.
+        JuicerError: Whatever the pictures raise.
     """
     count = 0
     try:
-        with av.open(str(path), "w") as container:
+        with _draft_of(path) as draft, av.open(str(draft), "w") as container:
             stream = container.add_stream("libx264", rate=Fraction(frames_per_second))
             stream.pix_fmt = "yuv420p"
             stream.options = {"crf": "23", "preset": "veryfast"}
@@ -63,18 +65,35 @@ def write_video(path: Path, pictures: Iterable[Picture], frames_per_second: int 
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
                 count += 1
             container.mux(stream.encode())
+    except JuicerError:  # some are ValueErrors too, and tell of the episode
+        raise
     except (av.error.FFmpegError, OSError, ValueError) as error:
-        raise ConfigError(f"film '{path}' cannot be written: {error}; name a writable file that ends in .mp4") from None
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigError(
+            f"film '{path}' cannot be written: {reason}; name a writable file that ends in .mp4"
+        ) from None
     return count
 
 
 def write_strip(path: Path, pictures: Sequence[Picture]) -> None:
-    """Write pictures side by side as one PNG.
+    """Write pictures side by side as one PNG, under its name once it is whole.
 
     Raises:
         ConfigError: If the file cannot be written.
     """
     try:
-        Image.fromarray(np.concatenate(list(pictures), axis=1)).save(path)
+        with _draft_of(path) as draft:
+            Image.fromarray(np.concatenate(list(pictures), axis=1)).save(draft)
     except OSError as error:
         raise ConfigError(f"picture '{path}' cannot be written: {error.strerror or error}") from None
+
+
+@contextmanager
+def _draft_of(path: Path) -> Iterator[Path]:
+    """A hidden file beside ``path`` with the same ending, which takes its place unless something goes wrong."""
+    draft = path.with_name(f".draft.{path.name}")
+    try:
+        yield draft
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
