@@ -32,7 +32,6 @@ _HAND = (
     Block(Pose(np.array([0.0, 0.040, -0.014]), np.eye(3)), np.array([0.009, 0.008, 0.023])),
     Block(Pose(np.array([0.0, -0.040, -0.014]), np.eye(3)), np.array([0.009, 0.008, 0.023])),
 )
-_MARGIN_M = 0.0
 _SHIFTS_M = (0.03, 0.05, 0.07, 0.09)
 _DIRECTIONS = np.array([[math.cos(angle), math.sin(angle), 0.0] for angle in np.arange(8) * math.pi / 4])
 # Robot base frame (x, y): where a tilted hand can still pick up something that lies on the table.
@@ -40,7 +39,10 @@ _REACHABLE = np.array([[0.32, -0.30], [0.50, 0.30]])
 
 
 def obstacles(task: AssemblyTask, scene: Scene, grasped: int) -> list[Block]:
-    """Boxes of all parts but the one to be grasped."""
+    """Boxes of all parts but the one to be grasped.
+
+    An approximation: each box lies along its part's axes, whatever its yaw, and balls and shells do not count.
+    """
     return [
         Block(scene.part(index) @ Pose(np.array(box.center), np.eye(3)), np.array(box.half_size))
         for index, part in enumerate(task.parts)
@@ -79,10 +81,10 @@ def _is_clear(block: Block, others: Sequence[Block]) -> bool:
 
 
 def _overlap(first: Block, second: Block) -> bool:
-    """Whether two boxes come nearer than the margin, by the separating-axis test."""
+    """Whether two boxes touch, by the separating-axis test."""
     left, right = first.pose.rotation, second.pose.rotation
     crossed = np.cross(left.T[:, None], right.T[None]).reshape(9, 3)
     axes = np.concatenate([left.T, right.T, crossed])
     distance = np.abs(axes @ (second.pose.position - first.pose.position))
-    reach = np.abs(axes @ left) @ (first.half_size + _MARGIN_M) + np.abs(axes @ right) @ second.half_size
+    reach = np.abs(axes @ left) @ first.half_size + np.abs(axes @ right) @ second.half_size
     return bool((distance <= reach).all())
