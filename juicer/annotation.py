@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Protocol
 
 from juicer.critical_states import AnnotationConfig, propose
-from juicer.episode import Episode, Outcome
+from juicer.episode import DemonstrationReader, Episode, Outcome
 from juicer.errors import InvalidLabels
 from juicer.labels import Label
 from juicer.progress import Progress, silent_progress
@@ -14,18 +13,6 @@ from juicer.sim.env import AssemblyEnv
 from juicer.sim.pool import EnvironmentPool
 from juicer.storage.tables import Annotation
 from juicer.tasks.registry import get_task
-
-
-class DemonstrationReader(Protocol):
-    """Episodes by number, e.g. :class:`juicer.storage.episodes.EpisodeReader`."""
-
-    def __len__(self) -> int:
-        """Number of episodes."""
-        ...
-
-    def read(self, index: int) -> Episode:
-        """The episode of a number."""
-        ...
 
 
 def annotate(

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,3 +122,15 @@ class Episode:
     def __len__(self) -> int:
         """Number of actions."""
         return len(self.steps["action"])
+
+
+class DemonstrationReader(Protocol):
+    """Episodes by number, e.g. :class:`juicer.storage.episodes.EpisodeReader`."""
+
+    def __len__(self) -> int:
+        """Number of episodes."""
+        ...
+
+    def read(self, index: int) -> Episode:
+        """The episode of a number."""
+        ...

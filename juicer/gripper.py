@@ -1,4 +1,4 @@
-"""What the gripper is told, read from a demonstration's actions."""
+"""What the gripper is told by actions."""
 
 from __future__ import annotations
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from juicer.augmentation.execute import execute, reproduces
 from juicer.augmentation.plan import POSE_SIZE, draw_kind, plan_departure
 from juicer.augmentation.reference import Reference, reference_of
 from juicer.augmentation.verify import RejectionReason, deviation_from_reference
-from juicer.episode import Episode, Outcome
+from juicer.episode import DemonstrationReader, Episode, Outcome
 from juicer.errors import NothingLeft
 from juicer.geometry import rot6d_to_matrix, rotation_angle
 from juicer.progress import Progress, silent_progress
@@ -31,14 +30,6 @@ BLOCK_SIZE = 16
 """Attempts between two looks at the balance. Part of what a seed means: another size gives other snippets."""
 
 _NO_STEP_LIMIT = 10**9
-
-
-class DemonstrationReader(Protocol):
-    """Episodes by number, e.g. :class:`juicer.storage.episodes.EpisodeReader`."""
-
-    def read(self, index: int) -> Episode:
-        """The episode of a number."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ import numpy as np
 from juicer.episode import ACTION_SIZE
 from juicer.errors import InvalidAction
 from juicer.geometry import SHORTEST_ROW, Array, degenerate_rotation
-from juicer.sim.panda import END_EFFECTOR_SITE, GRIP_FORCE_N, RESET_JOINTS_RAD
+from juicer.gripper import GRIPPER_DEADBAND, GRIPPER_ENTRY
+from juicer.sim.panda import END_EFFECTOR_SITE, GRIP_FORCE_N, NUM_ARM_JOINTS, RESET_JOINTS_RAD
 from juicer.sim.scene import build_arm
 
 MAX_LEAD_M = 0.02
@@ -22,8 +23,6 @@ MAX_LEAD_RAD = np.deg2rad(20.0)
 MAX_ACTION = 1.0
 """Largest entry of an action: metres, cosines, gripper."""
 _ROUNDING = 1e-3
-GRIPPER_DEAD_ZONE = 0.02
-NUM_ARM_JOINTS = 7
 
 _ITERATIONS = 8
 _TOLERANCE = 1e-4  # metres and radians together
@@ -127,9 +126,9 @@ class EndEffectorController:
 
 
 def grip_command(action: Array, last: float) -> float:
-    """Gripper force [N]: closing is negative; inside the dead zone the last command stays."""
-    gripper = action[9]
-    if abs(gripper) <= GRIPPER_DEAD_ZONE:
+    """Gripper force [N]: closing is negative; inside the deadband the last command stays."""
+    gripper = action[GRIPPER_ENTRY]
+    if abs(gripper) <= GRIPPER_DEADBAND:
         return last
     return -GRIP_FORCE_N if gripper > 0 else GRIP_FORCE_N
 

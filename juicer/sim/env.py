@@ -22,7 +22,7 @@ from juicer.seeding import stream
 from juicer.sim.controller import MAX_ACTION, EndEffectorController, grip_command, validate_action
 from juicer.sim.initial_states import initial_part_poses
 from juicer.sim.milestones import BaseProgress, PairProgress
-from juicer.sim.panda import END_EFFECTOR_SITE, FINGER_JOINTS, GRIP_FORCE_N, RESET_JOINTS_RAD
+from juicer.sim.panda import END_EFFECTOR_SITE, FINGER_JOINTS, GRIP_FORCE_N, NUM_ARM_JOINTS, RESET_JOINTS_RAD
 from juicer.sim.rendering import CameraRenderer
 from juicer.sim.scene import FRONT_CAMERA, build_spec
 from juicer.sim.state import SimulatorState
@@ -34,7 +34,6 @@ TARGET_UPDATES = 10
 SUBSTEPS_PER_UPDATE = 5
 _FRACTIONS = np.arange(1, TARGET_UPDATES + 1)[:, None] / TARGET_UPDATES
 SETTLING_S = 0.3
-NUM_ARM_JOINTS = len(RESET_JOINTS_RAD)
 # A part this far below the table's surface has fallen off it.
 _LOST_BELOW_M = TABLE_HEIGHT_M - 0.05
 _DIVERGED_SPEED = 200.0

@@ -28,6 +28,9 @@ class Reader:
     def __init__(self, episodes: Sequence[Episode]) -> None:
         self.episodes = episodes
 
+    def __len__(self) -> int:
+        return len(self.episodes)
+
     def read(self, index: int) -> Episode:
         return self.episodes[index]
 
