@@ -22,15 +22,6 @@ class StrictConfig(BaseModel):
 ConfigT = TypeVar("ConfigT", bound=StrictConfig)
 
 
-def load_config(path: Path, model: type[ConfigT], overrides: Sequence[str] = ()) -> ConfigT:
-    """Read a YAML file into ``model``, with dotted overrides such as ``train.steps=500``.
-
-    Raises:
-        ConfigError: If the file is missing or no YAML mapping, or a key or value is not valid.
-    """
-    return parse_config(override(read_mapping(path), overrides), model, origin=str(path))
-
-
 def read_mapping(path: Path) -> dict[str, Any]:
     """Content of a YAML file that holds a mapping; an empty file holds an empty one.
 

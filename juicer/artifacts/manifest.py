@@ -68,11 +68,6 @@ class Manifest:
         return self.recipe.ref
 
     @property
-    def num_bytes(self) -> int:
-        """Size of all files."""
-        return sum(entry.bytes for entry in self.files)
-
-    @property
     def content(self) -> str:
         """16 hexadecimal digits that differ between artifacts with different files."""
         lines = "\n".join(f"{entry.sha256} {entry.path}" for entry in self.files)

@@ -180,16 +180,6 @@ class ArtifactStore:
         visit(ref)
         return list(order)
 
-    def descendants(self, ref: ArtifactRef) -> Sequence[ArtifactRef]:
-        """Every artifact made from this one, directly or not, oldest first."""
-        manifests = self.list()
-        reached = {ref}
-        size = 0
-        while size < len(reached):
-            size = len(reached)
-            reached.update(manifest.ref for manifest in manifests if reached.intersection(manifest.recipe.parents))
-        return [manifest.ref for manifest in manifests if manifest.ref in reached - {ref}]
-
     def discard(self, ref: ArtifactRef) -> None:
         """Delete an artifact, whole or damaged; what was made from it stays.
 

@@ -70,16 +70,6 @@ FAR = DepartureConfig(
 )
 """The paper's cone, shrunk to where rollouts go astray; the speeds are a demonstrator's."""
 
-PAPER = DepartureConfig(
-    lift_m=(0.0, 0.18),
-    distance_m=(0.2, 0.5),
-    polar_deg=(5.0, 80.0),
-    rotation_deg=180.0,
-    step_m=(0.02, 0.02),
-    step_deg=(7.5, 7.5),
-)
-"""The paper's cone. Its lift is drawn from ten multiples of 2 cm there."""
-
 
 class ToleranceConfig(StrictConfig):
     """How close a snippet must come to the demonstration; the defaults are the paper's."""
@@ -103,11 +93,3 @@ class AugmentationConfig(StrictConfig):
     )
     end_tolerance: ToleranceConfig = Field(default=ToleranceConfig(), description="at the end of the snippet")
     min_confidence: float = Field(default=0.5, ge=0, le=1, description="proposals below it are not used")
-
-
-PAPER_AUGMENTATION = AugmentationConfig(
-    departures={"paper": PAPER},
-    steps_after_gripper_change=30,
-    tolerance=ToleranceConfig(),
-)
-"""Ranges and tolerances of the paper (which checks at the end only)."""

@@ -149,10 +149,6 @@ class EpisodeReader:
         """All steps of all episodes, ``(sum of lengths, ...)``; ``key`` is one of ``STEP_DTYPES``."""
         return np.asarray(self._array(f"data/{key}")[:])
 
-    def final(self, key: str) -> Array:
-        """What followed each episode's last action, ``(N, ...)``; ``key`` is one of ``FINAL_KEYS``."""
-        return np.asarray(self._array(f"final/{key}")[:])
-
     def _array(self, path: str) -> Any:
         return self._group[path]
 

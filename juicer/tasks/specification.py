@@ -17,7 +17,6 @@ Vector = tuple[float, float, float]
 Pose = tuple[float, float, float, float, float, float, float]
 
 TABLE_HEIGHT_M = -0.015
-IDENTITY_QUAT = (1.0, 0.0, 0.0, 0.0)
 
 MOUNTED_M = 0.005
 MOUNTED_COSINE = 0.94

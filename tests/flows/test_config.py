@@ -8,7 +8,7 @@ import pytest
 
 from flows.conditions import METHODS, Condition
 from flows.config import CollectInferConfig, StudyConfig, load_runs
-from juicer.augmentation.config import PAPER_AUGMENTATION
+from juicer.augmentation.config import AugmentationConfig, DepartureConfig, ToleranceConfig
 from juicer.errors import ConfigError
 from juicer.seed_ranges import Purpose, claim
 
@@ -113,8 +113,23 @@ def test_study_can_be_narrowed_to_what_it_has():
 
 def test_paper_augments_as_the_paper_does():
     (config,) = load_runs(CONFIGS / "paper.yaml")
+    cone = DepartureConfig(
+        lift_m=(0.0, 0.18),
+        distance_m=(0.2, 0.5),
+        polar_deg=(5.0, 80.0),
+        rotation_deg=180.0,
+        step_m=(0.02, 0.02),
+        step_deg=(7.5, 7.5),
+    )
+    tolerance = ToleranceConfig(position_m=0.017, rotation_deg=20.0, gripper_width_m=0.005)
     for section, count in ((config.augment, 50), (config.augment_retraining, 150)):
-        expected = PAPER_AUGMENTATION.model_copy(update={"num_snippets": count})
+        expected = AugmentationConfig(
+            num_snippets=count,
+            departures={"paper": cone},
+            steps_after_gripper_change=30,
+            tolerance=tolerance,
+            end_tolerance=tolerance,
+        )
         assert section.model_dump(exclude={"seed"}) == expected.model_dump()
 
 

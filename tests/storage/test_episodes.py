@@ -71,8 +71,6 @@ def test_whole_arrays_are_time_major(tmp_path: Path, episode_factory: EpisodeFac
     reader = EpisodeReader(tmp_path)
     for key in STEP_DTYPES:
         np.testing.assert_array_equal(reader.steps(key), np.concatenate([episode.steps[key] for episode in written]))
-    for key in FINAL_KEYS:
-        np.testing.assert_array_equal(reader.final(key), np.stack([episode.final[key] for episode in written]))
 
 
 def test_attributes_are_kept(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
