@@ -1,6 +1,6 @@
 """Facts about this machine, read from the environment once, at the edge.
 
-Nothing here shapes a result; what does belongs into a configuration file.
+Nothing here decides what is computed; what does belongs into a configuration file. The device may change last digits.
 """
 
 from __future__ import annotations

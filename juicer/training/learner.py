@@ -40,6 +40,7 @@ class Learner:
     Attributes:
         network: The network that learns.
         ema: Moving average of its weights, if one is kept.
+        precision: Arithmetic it computes with, ``bf16`` or ``fp32``; chosen by the processor if the config leaves it.
     """
 
     def __init__(self, network: PolicyNetwork, config: TrainingConfig, seed: int, device: torch.device) -> None:
@@ -48,9 +49,9 @@ class Learner:
         self._config = config
         self._seed = seed
         self._device = device
-        self._use_bfloat16 = config.precision == "bf16" or (
-            config.precision == "auto" and (device.type != "cpu" or has_fast_bfloat16())
-        )
+        self.precision = config.precision
+        if config.precision == "auto":
+            self.precision = "bf16" if device.type != "cpu" or has_fast_bfloat16() else "fp32"
         self._parameters = list(network.parameters())
         self._optimizer = torch.optim.AdamW(
             self._parameters, lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
@@ -67,7 +68,7 @@ class Learner:
 
     def learn(self, batch: Batch, step: int) -> Tensor:
         """Take one training step and return its loss, a scalar."""
-        with torch.autocast(self._device.type, torch.bfloat16, enabled=self._use_bfloat16):
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=self.precision == "bf16"):
             losses = self.network.compute_loss(batch.prepared, batch.chunk)
         loss = batch.average(losses)
         self._optimizer.zero_grad(set_to_none=True)

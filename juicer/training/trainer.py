@@ -33,11 +33,11 @@ class TrainedCheckpoint:
 
     Attributes:
         checkpoint: Weights and configuration.
-        facts: Numbers worth knowing: size of network and data, last losses and validation.
+        facts: Worth knowing: device and precision, size of network and data, last losses and validation.
     """
 
     checkpoint: Checkpoint
-    facts: Mapping[str, float]
+    facts: Mapping[str, float | str]
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,8 @@ def train(
         step=config.steps,
     )
     ema = None if learner.ema is None else _on_cpu(learner.ema)
-    return TrainedCheckpoint(Checkpoint(metadata, _on_cpu(network), ema), facts)
+    machine = {"device": torch_device.type, "precision": learner.precision}
+    return TrainedCheckpoint(Checkpoint(metadata, _on_cpu(network), ema), {**machine, **facts})
 
 
 def build_tables(

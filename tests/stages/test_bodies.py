@@ -153,6 +153,7 @@ def test_checkpoint_brings_its_curves_and_the_size_of_its_data(loop):
     facts = summary(loop, loop.checkpoint)
     assert facts["episodes"] == {"teleop": 2, "augmentation": 2}
     assert set(facts["timesteps"]) == {"teleop", "augmentation"}
+    assert (facts["device"], facts["precision"]) == ("cpu", "fp32")
     curves = read_curves(loop.store.open(loop.checkpoint))
     assert curves["train/loss"][0] == (2, 4, 6)
     assert curves["validation/loss"][0] == (3, 6)

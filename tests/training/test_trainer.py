@@ -176,6 +176,16 @@ def test_every_head_trains_and_acts(episodes, tasks, training_config, tmp_path, 
     assert math.isfinite(trained.facts["train/loss"])
 
 
+@pytest.mark.parametrize(("has_bfloat16", "precision"), [(True, "bf16"), (False, "fp32")])
+def test_what_the_processor_chose_is_told(
+    episodes, tasks, policy_config, training_config, monkeypatch, has_bfloat16, precision
+):
+    monkeypatch.setattr("juicer.training.learner.has_fast_bfloat16", lambda: has_bfloat16)
+    config = training_config.model_copy(update={"precision": "auto", "steps": 6})
+    trained = train([episodes()], policy_config, tasks, config, seed=0)
+    assert (trained.facts["device"], trained.facts["precision"]) == ("cpu", precision)
+
+
 def test_without_a_moving_average_the_last_weights_act(episodes, tasks, policy_config, training_config):
     config = training_config.model_copy(update={"ema_decay": None, "validation_fraction": 0.0})
     trained = train([episodes()], policy_config, tasks, config, seed=0)
