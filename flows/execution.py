@@ -29,7 +29,7 @@ class RunOutcome:
 
     Attributes:
         models: One entry a condition and seed, in their order.
-        report: The page about them; none if there is no evaluation.
+        report: The page about them; none before it is written.
     """
 
     models: tuple[ModelOutcome, ...]
@@ -37,7 +37,7 @@ class RunOutcome:
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """Why some models have no result."""
+        """Why some models learned from less than they should."""
         return tuple(
             f"{METHODS[model.condition].title}, seed {model.seed}: {model.finding}"
             for model in self.models
@@ -56,7 +56,7 @@ class RunOutcome:
                     "condition": model.condition.value,
                     "seed": model.seed,
                     "checkpoint": str(model.checkpoint),
-                    "evaluation": str(model.evaluation) if model.evaluation else None,
+                    "evaluation": str(model.evaluation),
                     "finding": model.finding or None,
                 }
                 for model in self.models
@@ -83,8 +83,7 @@ def execute(session: Session, config: RunConfig, tracking: Tracking | None) -> R
     try:
         models = run_models(session, config, tracking)
         outcome = RunOutcome(tuple(models), None)
-        if any(model.evaluation for model in models):
-            outcome = replace(outcome, report=write_report(session, config, outcome, tracking))
+        outcome = replace(outcome, report=write_report(session, config, outcome, tracking))
         if tracking:
             tracking.conclude(outcome.results(session.store))
         status = FINISHED
@@ -142,15 +141,14 @@ def _wait(futures: Sequence[Future[ModelOutcome]], session: Session) -> None:
 
 
 def _rows(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tuple[ReportRow, ...]]:
-    evaluated = [(model, model.evaluation) for model in models if model.evaluation]
     return (
-        tuple(evaluation for _, evaluation in evaluated),
-        tuple(ReportRow(condition=METHODS[model.condition].title, seed=model.seed) for model, _ in evaluated),
+        tuple(model.evaluation for model in models),
+        tuple(ReportRow(condition=METHODS[model.condition].title, seed=model.seed) for model in models),
     )
 
 
 def write_report(session: Session, config: RunConfig, outcome: RunOutcome, tracking: Tracking | None) -> ArtifactRef:
-    """Make the page about the models that were evaluated."""
+    """Make the page about the models."""
     evaluations, rows = _rows(outcome.models)
     report_config = ReportConfig(
         title=config.name,

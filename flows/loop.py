@@ -31,14 +31,14 @@ class ModelOutcome:
         condition: Its condition.
         seed: Its seed.
         checkpoint: The last one trained.
-        evaluation: How it did; none if the loop ended before.
-        finding: Why there is no evaluation, or why it learned from less than it should, as a sentence.
+        evaluation: How it did.
+        finding: Why it learned from less than it should, as a sentence.
     """
 
     condition: Condition
     seed: int
     checkpoint: ArtifactRef
-    evaluation: ArtifactRef | None = None
+    evaluation: ArtifactRef
     finding: str = ""
 
 
@@ -60,8 +60,11 @@ class _Data:
 
 
 def run_model(session: Session, config: LoopConfig, condition: Condition, seed: int) -> ModelOutcome:
-    """Train and evaluate the model of a condition and seed; whatever is in the store is reused."""
-    method = METHODS[condition]
+    """Train and evaluate the model of a condition and seed; whatever is in the store is reused.
+
+    A model that finds nothing to retrain on is evaluated as it is: a condition's average must not leave out its worst.
+    """
+    method, finding = METHODS[condition], ""
     if method.mixes:
         return _run_mixed(session, config, condition, seed)
     if method.replays:
@@ -69,12 +72,10 @@ def run_model(session: Session, config: LoopConfig, condition: Condition, seed: 
         checkpoint = memorise(session, episodes=demonstrations, config=MemoriseConfig())
     else:
         data = _gather(session, config, condition, seed)
-        session = data.session
+        session, finding = data.session, data.finding
         checkpoint = _train(session, config.final_training(condition, seed), [data])
-        if data.finding:
-            return ModelOutcome(condition, seed, checkpoint, finding=data.finding)
     evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluate)
-    return ModelOutcome(condition, seed, checkpoint, evaluation)
+    return ModelOutcome(condition, seed, checkpoint, evaluation, finding)
 
 
 def _run_mixed(session: Session, config: LoopConfig, condition: Condition, seed: int) -> ModelOutcome:

@@ -58,7 +58,7 @@ def plan(store: ArtifactStore, config: RunConfig) -> list[PlannedCall]:
 
     session = Session(store, perform=perform)
     models = run_models(session, config, parallel=False)
-    if all(planned[model.evaluation.id].exists for model in models if model.evaluation):
+    if all(planned[model.evaluation.id].exists for model in models):
         write_report(session, config, RunOutcome(tuple(models), None), None)
     return list(planned.values())
 

@@ -52,8 +52,7 @@ def _show(outcome: RunOutcome, store: ArtifactStore) -> None:
         }
         for row in outcome.results(store)
     ]
-    if rows:
-        create_table_artifact(table=rows, key="comparison", description="Success rates")
+    create_table_artifact(table=rows, key="comparison", description="Success rates")
     if outcome.findings:
         lines = "\n".join(f"- {finding}" for finding in outcome.findings)
-        create_markdown_artifact(markdown=lines, key="findings", description="Models without a result")
+        create_markdown_artifact(markdown=lines, key="findings", description="Models that learned from too little")

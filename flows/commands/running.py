@@ -205,21 +205,19 @@ def _condition(text: str | None) -> Condition | None:
 
 
 def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore) -> None:
-    results = outcome.results(store)
-    if results:
-        rows = [
-            [
-                row.condition,
-                f"{row.average:.0%}",
-                f"{row.interval[0]:.0%} to {row.interval[1]:.0%}",
-                f"{row.best:.0%}",
-                str(row.num_models),
-                str(row.num_episodes),
-            ]
-            for row in results
+    rows = [
+        [
+            row.condition,
+            f"{row.average:.0%}",
+            f"{row.interval[0]:.0%} to {row.interval[1]:.0%}",
+            f"{row.best:.0%}",
+            str(row.num_models),
+            str(row.num_episodes),
         ]
-        title = f"{config.task}, {config.randomness.value} randomness: success rates"
-        say_table(["condition", "average ", "95 % interval ", "best ", "models ", "episodes "], rows, title)
+        for row in outcome.results(store)
+    ]
+    title = f"{config.task}, {config.randomness.value} randomness: success rates"
+    say_table(["condition", "average ", "95 % interval ", "best ", "models ", "episodes "], rows, title)
     for finding in outcome.findings:
         say(finding)
     if outcome.report:
@@ -229,6 +227,4 @@ def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore) -
         if (folder / "success.mp4").exists():
             say(f"film     {folder / 'success.mp4'}")
         say("pages    juicer ui   (Prefect's and MLflow's, on this machine)")
-        evaluation = outcome.models[-1].evaluation
-        if evaluation:
-            say(f"lineage  juicer lineage {evaluation.id}")
+        say(f"lineage  juicer lineage {outcome.models[-1].evaluation.id}")

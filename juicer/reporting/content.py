@@ -151,7 +151,7 @@ class ReportData:
         title: Headline, e.g. ``one_leg, low randomness``.
         created: When the run ended.
         facts: Setting of the run in a few name-value pairs: preset, demonstrations, machine, version.
-        findings: Sentences that a reader must not miss, e.g. why a condition has no result.
+        findings: Sentences that a reader must not miss, e.g. why a model was not retrained.
         results: Rows of the comparison, in order.
         paper: Average and best success rate by condition as the paper's Table VI has them; other
             simulator and observations, so for orientation only.

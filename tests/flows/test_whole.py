@@ -90,7 +90,7 @@ def first(data, server):
 
 
 def test_study_ends_with_a_table_and_the_finding_that_nothing_succeeded(first):
-    assert [row["condition"] for row in first["table"]] == ["BC"]
+    assert [row["condition"] for row in first["table"]] == ["BC", "TA+CI"]
     (finding,) = first["findings"]
     assert finding.startswith("TA+CI, seed 0: no successful rollout to retrain on")
     assert first["report"]
