@@ -21,11 +21,12 @@ from stages.stage import StageCall
 
 
 @flow(name=MAKE, task_runner=task_runner(), persist_result=False)
-def make(recipe: dict[str, Any], label: str = "") -> State[Any]:
-    """Make the artifact of a recipe, unless it is in the store."""
+def make(recipe: dict[str, Any], label: str = "", force: bool = False) -> State[Any]:
+    """Make the artifact of a recipe, unless it is in the store; with ``force`` even then."""
     try:
         call = _call(recipe)
-        with opened(read_settings(), None, PrefectPerformer()) as surroundings:
+        forced = frozenset({call.stage.name}) if force else frozenset()
+        with opened(read_settings(), None, PrefectPerformer(), forced=forced) as surroundings:
             session = surroundings.session
             ref = session.perform(call, session.for_model(label, session.record))
     except NothingLeft as finding:

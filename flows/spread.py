@@ -52,7 +52,11 @@ def send(call: StageCall, session: Session) -> None:
             "FlowRun",
             run_deployment(
                 f"{MAKE}/{DEPLOYMENT}",
-                parameters={"recipe": call.recipe.to_json(), "label": session.label},
+                parameters={
+                    "recipe": call.recipe.to_json(),
+                    "label": session.label,
+                    "force": call.stage.name in session.forced,
+                },
                 flow_run_name=name,
                 timeout=0,
                 # A task that is tried again finds its flow run, in case only the answer was lost.

@@ -162,27 +162,25 @@ class StageCall:
         """Make the artifact now, in this thread, unless it is in the store."""
         stage, label = self.stage.name, session.label
         found = session.store.find(self.recipe)
-        if found is not None and stage in session.forced and found.id not in session.fresh:
-            session.store.discard(found)
-            found = None
-        if found is not None:
+        replacing = found is not None and stage in session.forced and found.id not in session.fresh
+        if found is not None and not replacing:
             return self._finish(session, Finished(found, reused=True))
         try:
-            adopted = self._make(session)
+            adopted = self._make(session, replacing)
         except BaseException as error:
             state = "stopped" if isinstance(error, StageInterrupted) else "failed"
             session.display.finished(stage, label, state, {"reason": str(error)})
             raise
         return self._finish(session, Finished(self.recipe.ref, reused=adopted))
 
-    def _make(self, session: Session) -> bool:
+    def _make(self, session: Session, replacing: bool) -> bool:
         """Have the artifact made; returns whether somebody else has made it in the meantime."""
         # Files from outside the store are on this machine only.
         if session.send is not None and not self.recipe.files:
             session.display.started(self.stage.name, session.label)
             session.send(self, session)
             return False
-        with session.store.create(self.recipe) as draft:
+        with session.store.create(self.recipe, replacing=replacing) as draft:
             if not draft.adopted:
                 self._fill(session, draft)
         return draft.adopted

@@ -59,8 +59,14 @@ class Backend(Protocol):
         """
         ...
 
-    def commit(self, draft: Path, manifest: Manifest) -> None:
-        """Publish the files of a draft: afterwards the artifact exists whole, at a failure or kill it does not."""
+    def commit(self, draft: Path, manifest: Manifest, *, replacing: bool = False) -> None:
+        """Publish the files of a draft: afterwards the artifact exists whole, at a failure or kill it does not.
+
+        Args:
+            draft: Folder with the files.
+            manifest: Their description.
+            replacing: Whether it takes the place of an artifact that is there, whole or damaged; at a failure that stays.
+        """
         ...
 
     def remove(self, ref: ArtifactRef) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from juicer.artifacts.integrity import DamageError, find_problems, sync, sync_tree
 from juicer.artifacts.manifest import MANIFEST_NAME, Manifest
 from juicer.artifacts.ref import ArtifactRef
-from juicer.artifacts.workspace import Workspace, delete_tree
+from juicer.artifacts.workspace import Workspace, delete_tree, discard_tree
 
 
 @dataclass(frozen=True)
@@ -67,23 +67,38 @@ class LocalBackend:
     def check_writable(self) -> None:
         """Nothing to try: the draft's folder is made in the same place."""
 
-    def commit(self, draft: Path, manifest: Manifest) -> None:
-        """Publish a draft: everything reaches the disk, and only then one rename makes it visible."""
+    def commit(self, draft: Path, manifest: Manifest, *, replacing: bool = False) -> None:
+        """Publish a draft: everything reaches the disk, and only then one rename makes it visible.
+
+        If it replaces an artifact, that one goes only now, and comes back if the rename fails.
+        """
         (draft / MANIFEST_NAME).write_text(manifest.to_text(), encoding="utf-8")
         sync_tree(draft)
         target = self.folder(manifest.ref)
         target.parent.mkdir(parents=True, exist_ok=True)
-        draft.rename(target)
+        old = self._bury(manifest.ref) if target.exists() else None
+        try:
+            draft.rename(target)
+        except BaseException:
+            if old:
+                old.rename(target)
+            raise
         sync(target.parent)
         sync(self.root)
+        if old:
+            discard_tree(old)
 
     def remove(self, ref: ArtifactRef) -> None:
-        """Take an artifact away: one rename into the drafts, where a sweep would find it, then delete it."""
-        grave = self.work.draft(ref.id)
+        """Take an artifact away: one rename makes it invisible, then delete it."""
+        delete_tree(self._bury(ref))
+
+    def _bury(self, ref: ArtifactRef) -> Path:
+        """Move an artifact to where a sweep would find it, if its deletion is cut short."""
+        grave = self.work.grave(ref.id)
         delete_tree(grave)
         grave.parent.mkdir(parents=True, exist_ok=True)
         self.folder(ref).rename(grave)
-        delete_tree(grave)
+        return grave
 
 
 def parse_manifest(content: bytes, ref: ArtifactRef) -> Manifest:

@@ -1,8 +1,8 @@
 """Artifacts in a remote store (S3 or whatever fsspec can reach), made and read through a local cache.
 
-``<url>/<kind>/<id>/manifest.json`` is written last and never overwritten; it makes the artifact exist. The files
-lie in ``<url>/<kind>/<id>/<content>/``, named by what they hold, so that two machines which finish one id at the
-same time cannot mix their files.
+``<url>/<kind>/<id>/manifest.json`` is written last, and overwritten only where an artifact is to be replaced; it
+makes the artifact exist. The files lie in ``<url>/<kind>/<id>/<content>/``, named by what they hold, so that two
+machines which finish one id at the same time cannot mix their files.
 """
 
 from __future__ import annotations
@@ -99,10 +99,13 @@ class RemoteBackend:
             self._fs.pipe_file(probe, b"")
             self._fs.rm_file(probe)
 
-    def commit(self, draft: Path, manifest: Manifest) -> None:
-        """Publish a draft in the cache, then upload it; a failed upload is repeated by :meth:`recover`."""
+    def commit(self, draft: Path, manifest: Manifest, *, replacing: bool = False) -> None:
+        """Publish a draft in the cache, then upload it; a failed upload of a new one is repeated by :meth:`recover`."""
         self.cache.commit(draft, manifest)
-        self._publish(manifest)
+        if replacing:
+            self._replace(manifest)
+        else:
+            self._publish(manifest)
 
     def remove(self, ref: ArtifactRef) -> None:
         """Delete the manifest, then the files, then the cached copy."""
@@ -126,14 +129,23 @@ class RemoteBackend:
             if self.read_manifest(manifest.ref).content != manifest.content:
                 self._fs.rm(target, recursive=True)
 
+    def _replace(self, manifest: Manifest) -> None:
+        """Upload an artifact in the place of another: its files, its manifest; what is left of the other goes last."""
+        source, target, ref = self.cache.folder(manifest.ref), self._payload(manifest), manifest.ref
+        kept = {MANIFEST_NAME, *(f"{manifest.content}/{entry.path}" for entry in manifest.files)}
+        with self._talking(StoreNotWritable, "written"):
+            before = self._fs.find(self._folder(ref))
+            self._fs.put(*_pairs(source, target, manifest.files))
+            self._fs.pipe_file(self._manifest_path(ref), manifest.to_text().encode())
+            if stale := [path for path in before if path.rpartition(f"{ref}/")[2] not in kept]:
+                self._fs.rm(stale)
+
     def _is_cached(self, manifest: Manifest) -> bool:
         """Whether the cache holds this very artifact: a repaired one has the same id but another manifest."""
         ref = manifest.ref
         return self.cache.exists(ref) and not self.cache.problems(ref) and self.cache.read_manifest(ref) == manifest
 
     def _cache(self, manifest: Manifest) -> None:
-        if self.cache.exists(manifest.ref):
-            self.cache.remove(manifest.ref)
         draft = self.work.draft(manifest.ref.id)
         if problems := self._download(manifest):
             delete_tree(draft)

@@ -68,12 +68,16 @@ class ArtifactStore:
         return recipe.ref if self._backend.exists(recipe.ref) else None
 
     @contextmanager
-    def create(self, recipe: Recipe) -> Iterator[Draft]:
+    def create(self, recipe: Recipe, *, replacing: bool = False) -> Iterator[Draft]:
         """Make the artifact of a recipe: fill the draft inside the block, it is committed at the end of the block.
 
         At a failure, or a kill at any moment, the artifact is absent; what the block left in the draft's scratch
         is there for the next attempt. Whoever needs an id that is being made waits, and then gets a draft that is
         ``adopted``.
+
+        Args:
+            recipe: What the artifact is made of.
+            replacing: Whether to make it even if it is there, e.g. damaged; the old one stays until the commit.
 
         Raises:
             StoreNotWritable: If a write is refused, in the block or at the commit.
@@ -81,7 +85,7 @@ class ArtifactStore:
         backend, ref = self._backend, recipe.ref
         with explained(self.cache), backend.work.lock(ref.id):
             draft = Draft(ref, backend.work.draft(ref.id), backend.work.scratch(ref.id))
-            if backend.recover(ref):
+            if not replacing and backend.recover(ref):
                 draft.adopted = True
                 yield draft
             else:
@@ -91,7 +95,7 @@ class ArtifactStore:
                 with _discarded_on_failure(draft):
                     started = datetime.now().astimezone()
                     yield draft
-                    backend.commit(draft.path, _describe(draft, recipe, started))
+                    backend.commit(draft.path, _describe(draft, recipe, started), replacing=replacing)
             discard_tree(draft.scratch)
 
     def open(self, ref: ArtifactRef, kind: str | None = None) -> Path:

@@ -30,6 +30,10 @@ class Workspace:
         """What a killed run leaves to its successor; belongs to whoever holds the lock."""
         return self.root / "scratch" / identity
 
+    def grave(self, identity: str) -> Path:
+        """Where an artifact waits for its deletion; belongs to whoever holds the lock."""
+        return self.root / "graves" / identity
+
     @contextmanager
     def lock(self, identity: str) -> Iterator[None]:
         """Hold the lock of an id, after waiting for it.
@@ -44,15 +48,17 @@ class Workspace:
             yield
 
     def sweep(self, finished: Collection[str]) -> None:
-        """Delete what dead processes left: drafts, locks, and scratch of ids that were finished after all."""
+        """Delete what dead processes left: drafts, graves, locks, and scratch of ids that were finished after all."""
         drafts = {path.name for path in _children(self.root / "drafts")}
+        graves = {path.name for path in _children(self.root / "graves")}
         scratch = {path.name for path in _children(self.root / "scratch")}
         locks = {path.stem for path in _children(self.root / "locks")}
-        for identity in sorted(drafts | scratch.intersection(finished) | locks):
+        for identity in sorted(drafts | graves | scratch.intersection(finished) | locks):
             lock = self._lock(identity)
             if _acquire_at_once(lock):
                 with _releasing(lock):
                     discard_tree(self.draft(identity))
+                    discard_tree(self.grave(identity))
                     if identity in finished:
                         discard_tree(self.scratch(identity))
 

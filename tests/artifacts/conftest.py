@@ -13,7 +13,7 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 
 Make = Callable[..., ArtifactRef]
-Fail = Callable[[ArtifactStore, Recipe, BaseException], None]
+Fail = Callable[..., None]
 Litter = Callable[[ArtifactStore], list[str]]
 
 PAYLOAD = {"a.bin": b"0123456789", "deep/er/b.bin": bytes(range(256)), "empty": b""}
@@ -47,9 +47,14 @@ def make() -> Make:
     """Commits an artifact: ``make(store, recipe)``, ``make(store, recipe, {"a.bin": b"..."})``."""
 
     def commit(
-        store: ArtifactStore, recipe: Recipe, payload: Mapping[str, bytes] = PAYLOAD, **summary: Any
+        store: ArtifactStore,
+        recipe: Recipe,
+        payload: Mapping[str, bytes] = PAYLOAD,
+        *,
+        replacing: bool = False,
+        **summary: Any,
     ) -> ArtifactRef:
-        with store.create(recipe) as draft:
+        with store.create(recipe, replacing=replacing) as draft:
             assert not draft.adopted
             draft.summary.update(summary)
             for name, content in payload.items():
@@ -65,8 +70,8 @@ def make() -> Make:
 def fail() -> Fail:
     """Begins an artifact, leaves something in its scratch, and raises: ``fail(store, recipe, ZeroDivisionError())``."""
 
-    def begin(store: ArtifactStore, recipe: Recipe, error: BaseException) -> None:
-        with store.create(recipe) as draft:
+    def begin(store: ArtifactStore, recipe: Recipe, error: BaseException, *, replacing: bool = False) -> None:
+        with store.create(recipe, replacing=replacing) as draft:
             (draft.path / "half").write_bytes(b"1")
             (draft.scratch / "step-100").write_bytes(b"resume from here")
             raise error

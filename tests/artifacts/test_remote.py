@@ -155,6 +155,37 @@ def test_a_repaired_artifact_replaces_the_copies_of_the_old_one(
     assert (elsewhere.open(ref) / "a.bin").read_bytes() == b"new"
 
 
+@pytest.mark.parametrize("damaged", ["", "a.bin", "extra", "manifest.json"])
+@pytest.mark.parametrize("content", [b"old", b"new"])
+def test_an_artifact_is_replaced_in_its_place_with_all_that_was_left_of_it(
+    store: ArtifactStore, elsewhere: ArtifactStore, recipe: Recipe, make: Make, damaged: str, content: bytes
+) -> None:
+    ref = make(store, recipe, {"a.bin": b"old", "b.bin": b"same"})
+    elsewhere.open(ref)
+    if damaged == "extra":
+        ((fs, path),) = [place for name, place in objects(store).items() if name.endswith("a.bin")]
+        fs.pipe_file(path.replace("a.bin", "extra"), b"")
+    elif damaged:
+        overwrite(store, damaged, b"{}")
+    make(elsewhere, recipe, {"a.bin": content, "b.bin": b"same"}, replacing=True)
+    for machine in (store, elsewhere):
+        assert machine.verify(ref) == []
+        assert (machine.open(ref) / "a.bin").read_bytes() == content
+    assert len(objects(store)) == 3
+
+
+def test_an_artifact_stays_for_everyone_if_the_upload_of_its_successor_fails(
+    store: ArtifactStore, elsewhere: ArtifactStore, recipe: Recipe, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ref = make(store, recipe, {"a.bin": b"old"})
+    with monkeypatch.context() as patched:
+        patched.setattr(filesystem(store), "put", None)
+        with pytest.raises(StoreNotWritable):
+            make(store, recipe, {"a.bin": b"new"}, replacing=True)
+    for machine in (store, elsewhere):
+        assert (machine.open(ref) / "a.bin").read_bytes() == b"old"
+
+
 @pytest.mark.parametrize(
     ("ending", "content", "problem"),
     [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import pickle
 from collections.abc import Callable
@@ -13,10 +14,10 @@ import pytest
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from juicer.errors import ArtifactError, ArtifactNotFound, DamagedArtifact, WrongArtifactKind
+from juicer.errors import ArtifactError, ArtifactNotFound, DamagedArtifact, StoreNotWritable, WrongArtifactKind
 
 Make = Callable[..., ArtifactRef]
-Fail = Callable[[ArtifactStore, Recipe, BaseException], None]
+Fail = Callable[..., None]
 Litter = Callable[[ArtifactStore], list[str]]
 
 
@@ -226,3 +227,36 @@ def test_damage_names_the_artifact_the_file_and_the_remedy(store: ArtifactStore,
     (store.cache / str(ref) / "a.bin").unlink()
     with pytest.raises(DamagedArtifact, match=rf"{ref} is damaged: file 'a.bin' is missing; .*juicer repair {ref.id}"):
         store.open(ref)
+
+
+def test_a_replaced_artifact_stays_until_its_successor_is_whole(
+    store: ArtifactStore, recipe: Recipe, make: Make, fail: Fail, litter: Litter
+) -> None:
+    ref = make(store, recipe, {"a.bin": b"old"})
+    with pytest.raises(KeyboardInterrupt):
+        fail(store, recipe, KeyboardInterrupt(), replacing=True)
+    assert (store.open(ref) / "a.bin").read_bytes() == b"old"
+    with store.create(recipe, replacing=True) as draft:
+        assert not draft.adopted
+        (draft.path / "b.bin").write_bytes(b"new")
+        assert (store.open(ref) / "a.bin").read_bytes() == b"old"
+    assert [path.name for path in sorted(store.open(ref).iterdir())] == ["b.bin", "manifest.json"]
+    assert litter(store) == []
+
+
+def test_a_replaced_artifact_comes_back_if_its_successor_cannot_be_published(
+    store: ArtifactStore, recipe: Recipe, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ref = make(store, recipe, {"a.bin": b"old"})
+    original = Path.rename
+
+    def rename(path: Path, target: Path) -> None:
+        if path.parent.name == "drafts":
+            raise OSError(errno.ENOSPC, "No space left on device", str(path))
+        original(path, target)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "rename", rename)
+        with pytest.raises(StoreNotWritable, match="disk is full"):
+            make(store, recipe, {"a.bin": b"new"}, replacing=True)
+    assert (store.open(ref) / "a.bin").read_bytes() == b"old"

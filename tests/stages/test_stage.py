@@ -83,6 +83,17 @@ def test_forced_stage_runs_again_once_and_keeps_its_id(toys, session, diary):
     assert diary.states == [("write", "done"), ("write", "reused")]
 
 
+def test_forced_stage_that_is_interrupted_leaves_what_was_there(toys, session, store):
+    ref = toys.write(session, config=toys.ToyConfig())
+    before = store.manifest(ref)
+    forced = replace(session, forced=frozenset({"write"}), fresh=set())
+    forced.stop.set()
+    with pytest.raises(StageInterrupted):
+        toys.write(forced, config=toys.ToyConfig())
+    assert store.manifest(ref) == before
+    assert store.verify(ref) == []
+
+
 def test_interrupt_takes_effect_at_the_next_report(toys, session, store):
     session.stop.set()
     with pytest.raises(StageInterrupted):

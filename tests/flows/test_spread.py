@@ -1,0 +1,29 @@
+"""Stages on other machines are told all that shapes how they are made."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from prefect.exceptions import ObjectNotFound
+
+from flows.spread import send
+from juicer.artifacts.store import ArtifactStore
+from juicer.errors import ServiceUnavailable
+from stages.record import RecordConfig, record
+from stages.session import Session
+
+
+@pytest.mark.parametrize("forced", [True, False])
+def test_a_stage_that_is_forced_here_is_forced_there(monkeypatch, tmp_path, forced):
+    asked = []
+
+    def run_deployment(name, parameters, **options):
+        asked.append(parameters["force"])
+        raise ObjectNotFound(Exception("nobody serves"))
+
+    monkeypatch.setattr("flows.spread.run_deployment", run_deployment)
+    session = replace(Session(ArtifactStore(tmp_path)), forced=frozenset({"record"} if forced else ()))
+    with pytest.raises(ServiceUnavailable):
+        send(record.prepare(config=RecordConfig()), session)
+    assert asked == [forced]
