@@ -28,6 +28,7 @@ def repair(session: Session, ref: ArtifactRef, folder: Path | None = None) -> It
 
     Raises:
         ArtifactNotFound: If there is no such artifact, or one that it was made from is gone.
+        UnreadableArtifact: If the disk does not let its manifest be read; nothing is changed then.
         ArtifactError: If it cannot be made as it was.
     """
     store = session.store

@@ -38,6 +38,10 @@ class DamagedArtifact(ArtifactError):
     """The files of an artifact differ from its manifest."""
 
 
+class UnreadableArtifact(ArtifactError):
+    """The disk does not let an artifact be read, which may be whole."""
+
+
 class StoreNotWritable(ArtifactError):
     """The artifact store refuses a write (permission, full disk, read-only file system)."""
 

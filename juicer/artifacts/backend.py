@@ -32,6 +32,7 @@ class Backend(Protocol):
 
         Raises:
             DamageError: If the manifest is missing, altered, or that of another artifact.
+            UnreadableError: If the disk does not let it be read.
         """
         ...
 
@@ -65,7 +66,7 @@ class Backend(Protocol):
         Args:
             draft: Folder with the files.
             manifest: Their description.
-            replacing: Whether it takes the place of an artifact that is there, whole or damaged; at a failure that stays.
+            replacing: Whether it takes the place of an artifact, whole or damaged; at a failure that one stays.
         """
         ...
 

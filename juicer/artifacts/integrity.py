@@ -16,6 +16,10 @@ class DamageError(Exception):
     """Files of an artifact are not what they should be; the message is a clause that names the file."""
 
 
+class UnreadableError(DamageError):
+    """A file that may be whole cannot be read."""
+
+
 def describe_files(folder: Path) -> tuple[FileEntry, ...]:
     """Hash every file below ``folder`` except its manifest, sorted by path.
 

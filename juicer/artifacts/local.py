@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from juicer.artifacts.integrity import DamageError, find_problems, sync, sync_tree
+from juicer.artifacts.integrity import DamageError, UnreadableError, find_problems, sync, sync_tree
 from juicer.artifacts.manifest import MANIFEST_NAME, Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.workspace import Workspace, delete_tree, discard_tree
@@ -40,10 +40,12 @@ class LocalBackend:
         """Description of a committed artifact; see :class:`~juicer.artifacts.backend.Backend`."""
         try:
             content = (self.folder(ref) / MANIFEST_NAME).read_bytes()
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             raise DamageError(f"file '{MANIFEST_NAME}' is missing") from None
+        except IsADirectoryError:
+            raise DamageError(f"file '{MANIFEST_NAME}' was replaced by something else") from None
         except OSError as error:
-            raise DamageError(f"file '{MANIFEST_NAME}' cannot be read ({error.strerror})") from None
+            raise UnreadableError(f"file '{MANIFEST_NAME}' cannot be read ({error.strerror})") from None
         return parse_manifest(content, ref)
 
     def problems(self, ref: ArtifactRef) -> list[str]:

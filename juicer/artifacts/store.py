@@ -12,14 +12,20 @@ from pathlib import Path
 
 from juicer.artifacts.backend import Backend
 from juicer.artifacts.draft import Draft
-from juicer.artifacts.integrity import DamageError, describe_files
+from juicer.artifacts.integrity import DamageError, UnreadableError, describe_files
 from juicer.artifacts.local import LocalBackend
 from juicer.artifacts.manifest import Manifest, describe_host, plain
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import KINDS, ArtifactRef
 from juicer.artifacts.workspace import delete_tree, discard_tree
 from juicer.artifacts.writing import explained
-from juicer.errors import ArtifactNotFound, DamagedArtifact, WrongArtifactKind, did_you_mean
+from juicer.errors import (
+    ArtifactNotFound,
+    DamagedArtifact,
+    UnreadableArtifact,
+    WrongArtifactKind,
+    did_you_mean,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -116,6 +122,7 @@ class ArtifactStore:
         Raises:
             ArtifactNotFound: If there is no such artifact.
             DamagedArtifact: If its manifest is missing or altered.
+            UnreadableArtifact: If the disk does not let it be read.
         """
         with self._requiring(ref) as backend:
             return backend.read_manifest(ref)
@@ -125,12 +132,12 @@ class ArtifactStore:
         return self._backend.refs(KINDS if kind is None else [kind])
 
     def list(self, kind: str | None = None) -> Sequence[Manifest]:
-        """Descriptions of every artifact, oldest first; one whose manifest is damaged is logged and left out."""
+        """Descriptions of every artifact, oldest first; one whose manifest cannot be had is logged and left out."""
         manifests = []
         for ref in self.refs(kind):
             try:
                 manifests.append(self.manifest(ref))
-            except DamagedArtifact as error:
+            except (DamagedArtifact, UnreadableArtifact) as error:
                 logger.warning("%s", error)
             except ArtifactNotFound:
                 logger.debug("%s was discarded while the list was made", ref)
@@ -202,6 +209,10 @@ class ArtifactStore:
             raise ArtifactNotFound(f"artifact {ref} does not exist in '{self.url}'; see `juicer ls {ref.kind}`")
         try:
             yield backend
+        except UnreadableError as refusal:
+            raise UnreadableArtifact(
+                f"artifact {ref} may be whole, but {refusal}; see to its permissions and to the disk in '{self.cache}'"
+            ) from None
         except DamageError as damage:
             raise DamagedArtifact(
                 f"artifact {ref} is damaged: {damage}; recompute it with `juicer repair {ref.id}`"

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from flows.repair import rebuild_call, repair
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Source
-from juicer.errors import ArtifactError, ArtifactNotFound
+from juicer.errors import ArtifactError, ArtifactNotFound, UnreadableArtifact
 from juicer.storage.episodes import write_episodes
 from stages.select import SelectConfig, select
 from stages.session import Session
@@ -63,6 +65,18 @@ def test_unreadable_manifest_leaves_nothing_to_repair_from(session, selection):
     with pytest.raises(ArtifactError, match="so it was discarded; run the flow that made it again"):
         list(repair(session, selection))
     assert selection not in session.store.refs()
+
+
+def test_manifest_that_the_disk_refuses_to_read_is_no_reason_to_discard(session, selection, monkeypatch):
+    def refuse(path):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "read_bytes", refuse)
+        with pytest.raises(UnreadableArtifact, match=r"may be whole, but .*\(Permission denied\); see to its"):
+            list(repair(session, selection))
+        assert session.store.list() == []
+    assert session.store.verify(selection) == []
 
 
 def test_changed_code_is_named_as_the_reason_why_not(session, selection):
