@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -12,6 +13,7 @@ from flows.conditions import METHODS, Condition
 from juicer.config import StrictConfig, override, parse_config, read_mapping
 from juicer.critical_states import AnnotationConfig
 from juicer.errors import ConfigError, did_you_mean
+from juicer.evaluation import SEED_RANGES, Purpose
 from juicer.ingestion import IngestionConfig
 from juicer.policy.config import HorizonConfig, MLPConfig, PolicyConfig
 from juicer.tasks.specification import Randomness
@@ -24,6 +26,7 @@ from stages.select import SelectConfig
 from stages.train import TrainConfig
 
 BASE_KEY, TASKS_KEY = "base", "tasks"
+MOST_ROUNDS = 100
 _SCENE = {
     "task": ("record", "ingest", "collect", "evaluate"),
     "randomness": ("record", "collect", "evaluate"),
@@ -106,7 +109,7 @@ class LoopConfig(StrictConfig):
     augment_retraining: AugmentConfig | None = None
     train: PoliciesConfig = PoliciesConfig()
     state_noise: Annotated[PhysicalStateNoise | OriginalStateNoise, Field(discriminator="kind")] = PhysicalStateNoise()
-    rounds: int = Field(default=1, gt=0, le=100)
+    rounds: int = Field(default=1, gt=0, le=MOST_ROUNDS)
     collect: CollectConfig = CollectConfig()
     select: SelectConfig = SelectConfig()
     evaluate: EvaluateConfig = EvaluateConfig()
@@ -142,8 +145,14 @@ class LoopConfig(StrictConfig):
 
     def collection(self, seed: int, round_index: int) -> CollectConfig:
         """Rollouts of a turn; every model and turn starts from initial states of its own."""
-        turn = seed * 100 + round_index - 1
+        turn = seed * MOST_ROUNDS + round_index - 1
         return self.collect.model_copy(update={"first": self.collect.first + turn * self.collect.max_episodes})
+
+    @property
+    def largest_seed(self) -> int:
+        """The last seed whose models find initial states to collect from; below 0 if there is none."""
+        turns = (len(SEED_RANGES[Purpose.COLLECTION]) - self.collect.first) // self.collect.max_episodes
+        return (turns - self.rounds) // MOST_ROUNDS
 
 
 class CollectInferConfig(LoopConfig):
@@ -154,9 +163,19 @@ class CollectInferConfig(LoopConfig):
     seed: int = Field(default=0, ge=0)
 
     def narrowed(self, condition: Condition | None, seed: int | None) -> CollectInferConfig:
-        """The same for another condition or seed."""
-        update = {"condition": condition, "seed": seed}
-        return self.model_copy(update={key: value for key, value in update.items() if value is not None})
+        """The same for another condition or seed.
+
+        Raises:
+            ConfigError: If they do not go with the rest.
+        """
+        asked = {"condition": condition, "seed": seed}
+        update = {key: value for key, value in asked.items() if value is not None}
+        return parse_config({**dict(self), **update}, CollectInferConfig, origin="the chosen part")
+
+    @model_validator(mode="after")
+    def _is_possible(self) -> Self:
+        _check_run(self)
+        return self
 
     @property
     def conditions(self) -> tuple[Condition, ...]:
@@ -198,6 +217,11 @@ class StudyConfig(LoopConfig):
         return self.model_copy(update={"conditions": conditions, "seeds": seeds})
 
     @model_validator(mode="after")
+    def _is_possible(self) -> Self:
+        _check_run(self)
+        return self
+
+    @model_validator(mode="after")
     def _has_what_to_mix(self) -> Self:
         if Condition.MULTITASK in self.conditions and len(self.mix) < 2:
             raise ValueError("condition multitask needs several tasks; list them under tasks")
@@ -226,6 +250,26 @@ _FLOWS: Mapping[str, type[CollectInferConfig] | type[StudyConfig]] = {
     "collect_infer": CollectInferConfig,
     "study": StudyConfig,
 }
+
+
+def _check_run(config: RunConfig) -> None:
+    """Refuse at once what would otherwise be noticed after a training.
+
+    Raises:
+        ValueError: If a model would find no initial states to collect from.
+    """
+    methods = [METHODS[condition] for condition in config.conditions]
+    collecting = [
+        loop for method in methods if method.collects for loop in (config.mix.values() if method.mixes else (config,))
+    ]
+    largest, seed = min((loop.largest_seed for loop in collecting), default=math.inf), max(config.seeds)
+    if largest < 0:
+        raise ValueError("initial states to collect from run out; lower collect.max_episodes, collect.first or rounds")
+    if seed > largest:
+        raise ValueError(
+            f"seed {seed} is too large: there are initial states to collect from for seeds up to {largest}; "
+            "take a smaller seed, or lower collect.max_episodes"
+        )
 
 
 def load_runs(path: Path, overrides: Sequence[str] = ()) -> tuple[RunConfig, ...]:

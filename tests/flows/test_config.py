@@ -89,6 +89,34 @@ def test_collections_of_different_models_and_rounds_never_share_an_initial_state
             taken |= states
 
 
+@pytest.mark.parametrize("rounds", [1, 100])
+def test_largest_seed_has_initial_states_for_its_last_round_and_the_next_is_refused(tmp_path, rounds):
+    path = write(tmp_path, f"condition: ci\nrounds: {rounds}\nseed: 49\n")
+    (config,) = load_runs(path)
+    collect = config.collection(49, rounds)
+    assert claim(Purpose.COLLECTION, collect.first, collect.max_episodes)
+    too_large = r"seed 50 is too large: .* for seeds up to 49; take a smaller seed"
+    study = write(tmp_path, f"flow: study\nconditions: [bc, ci]\nrounds: {rounds}\nseeds: [0, 50]\n", "study.yaml")
+    for way in (
+        lambda: load_runs(path, ["seed=50"]),
+        lambda: config.narrowed(None, 50),
+        lambda: load_runs(study),
+    ):
+        with pytest.raises(ConfigError, match=too_large):
+            way()
+    with pytest.raises(ConfigError, match=r"lower collect\.max_episodes"):
+        load_runs(path, ["collect.max_episodes=1000001"])
+    # What does not collect needs none.
+    assert config.narrowed(Condition.BC, 50).seeds == (50,)
+
+
+def test_seed_is_checked_against_every_task_that_a_model_mixes(tmp_path):
+    tasks = "{one_leg: {}, lamp: {collect: {max_episodes: 400}}}"
+    text = f"flow: study\nconditions: [multitask]\nseeds: [30]\ntasks: {tasks}\n"
+    with pytest.raises(ConfigError, match=r"seed 30 is too large: .* up to 24"):
+        load_runs(write(tmp_path, text))
+
+
 def test_seeds_train_different_models_from_one_recipe():
     config = StudyConfig()
     assert config.training(Condition.BC, 0).seed != config.training(Condition.BC, 1).seed
