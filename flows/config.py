@@ -288,30 +288,27 @@ def load_runs(path: Path, overrides: Sequence[str] = ()) -> tuple[RunConfig, ...
             raise ConfigError(f"config file '{path.parent / str(base)}' is a base itself and must not have one")
         content = _merge(below, content)
     content = override(content, overrides)
-    flow = content.get("flow", "collect_infer")
+    flow = str(content.get("flow", "collect_infer"))
     if flow not in _FLOWS:
-        raise ConfigError(f"{path}: unknown flow '{flow}'{did_you_mean(str(flow), _FLOWS)}")
+        raise ConfigError(f"{path}: unknown flow '{flow}'{did_you_mean(flow, _FLOWS)}")
     return tuple(parse_config(each, _FLOWS[flow], origin=str(path)) for each in _each_task(content, str(path)))
 
 
 def _each_task(content: dict[str, Any], origin: str) -> list[dict[str, Any]]:
     """One configuration for each task; one with the condition ``multitask`` is told of all."""
-    tasks = content.pop(TASKS_KEY, None)
-    if tasks is None:
-        return [content]
-    own = dict.fromkeys(tasks) if isinstance(tasks, list) else tasks
-    if not isinstance(own, dict) or not own or "task" in content:
+    if content.get(TASKS_KEY) is None:
+        return [{key: value for key, value in content.items() if key != TASKS_KEY}]
+    own = _tasks(content.pop(TASKS_KEY))
+    if not own or "task" in content:
         raise ConfigError(f"{origin}: 'tasks' must list tasks, or map them to what differs for each, without 'task'")
-    name, mixes = content.get("name", "juicer"), Condition.MULTITASK in content.get("conditions", ())
+    name, mixes = content.get("name", "juicer"), _names_mix(content)
     if mixes:
         # Settled before the tasks have their say: it is one model, whichever of them asks for it.
         policies = content.get("train", {})
         if isinstance(policies, dict):
             one = policies.get("multitask") or policies.get("diffusion", {})
             content = content | {"train": policies | {"multitask": one}}
-    each = [
-        _merge(content, {"name": f"{name}_{task}", **(of_task or {}), "task": task}) for task, of_task in own.items()
-    ]
+    each = [_merge(content, {"name": f"{name}_{task}", **of_task, "task": task}) for task, of_task in own.items()]
     if mixes:
         loops = {
             entry["task"]: {key: value for key, value in entry.items() if key in LoopConfig.model_fields}
@@ -319,6 +316,23 @@ def _each_task(content: dict[str, Any], origin: str) -> list[dict[str, Any]]:
         }
         each = [{**entry, "mix": loops} for entry in each]
     return each
+
+
+def _tasks(content: Any) -> dict[str, dict[str, Any]]:
+    """What differs for each of the tasks; empty if the content says something else."""
+    pairs: list[tuple[Any, Any]] = []
+    if isinstance(content, list):
+        pairs = [(task, {}) for task in content]
+    elif isinstance(content, dict):
+        pairs = [(task, {} if own is None else own) for task, own in content.items()]
+    is_clear = all(isinstance(task, str) and isinstance(own, dict) for task, own in pairs)
+    return dict(pairs) if is_clear else {}
+
+
+def _names_mix(content: Mapping[str, Any]) -> bool:
+    """Whether a configuration asks for a model for several tasks."""
+    conditions = content.get("conditions")
+    return isinstance(conditions, list) and Condition.MULTITASK in conditions
 
 
 def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -19,6 +20,16 @@ class StrictConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
 
 
+class _Loader(yaml.SafeLoader):
+    """Reads a date as the text it is: names and folders may look like one, and no value is one."""
+
+
+def _text(loader: yaml.SafeLoader, node: yaml.ScalarNode) -> str:
+    return str(loader.construct_scalar(node))
+
+
+_Loader.add_constructor("tag:yaml.org,2002:timestamp", _text)
+
 ConfigT = TypeVar("ConfigT", bound=StrictConfig)
 
 
@@ -29,7 +40,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
         ConfigError: If the file is missing, cannot be read, or holds something else.
     """
     try:
-        content = yaml.safe_load(path.read_text()) or {}
+        content = yaml.load(path.read_text(), _Loader) or {}
     except FileNotFoundError:
         raise ConfigError(f"config file '{path}' does not exist") from None
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
@@ -57,7 +68,7 @@ def override(content: Mapping[str, Any], assignments: Sequence[str]) -> dict[str
     Raises:
         ConfigError: If an assignment has no ``=`` or descends into a value that is no mapping.
     """
-    result: dict[str, Any] = json.loads(json.dumps(content))
+    result = copy.deepcopy(dict(content))
     for assignment in assignments:
         key, separator, text = assignment.partition("=")
         if not separator or not key:
@@ -70,7 +81,7 @@ def override(content: Mapping[str, Any], assignments: Sequence[str]) -> dict[str
                 raise ConfigError(f"override '{assignment}': '{parent}' holds a value, not a section")
             target = child
         try:
-            target[last] = yaml.safe_load(text)
+            target[last] = yaml.load(text, _Loader)
         except yaml.YAMLError:
             raise ConfigError(f"override '{assignment}': the value is not valid YAML") from None
     return result
@@ -85,9 +96,10 @@ def canonical_json(config: BaseModel | Mapping[str, Any]) -> str:
 def _first_problem(error: ValidationError, model: type[BaseModel]) -> str:
     problem = error.errors(include_url=False, include_context=False)[0]
     where = ".".join(str(part) for part in problem["loc"])
+    message = problem["msg"].removeprefix("Value error, ")
     if problem["type"] != "extra_forbidden":
         given = f", got {problem['input']!r}" if where and problem["type"] != "missing" else ""
-        return f"{where + ': ' if where else ''}{problem['msg']}{given}"
+        return f"{where + ': ' if where else ''}{message}{given}"
     *parents, last = problem["loc"]
     known = {name for owner in _models_at(model, parents) for name in owner.model_fields}
     return f"unknown key '{where}'{did_you_mean(str(last), known)}"

@@ -64,12 +64,27 @@ def test_task_and_randomness_reach_every_section_that_does_not_set_its_own(tmp_p
         ("train: {mlp_chunked: {policy: {head: {kind: diffusion}}}}\n", "head must be of kind 'mlp', got 'diffusion'"),
         ("base: gone.yaml\n", r"gone\.yaml' does not exist"),
         ("- 1\n", "must hold a mapping"),
+        ("flow: [study]\n", "unknown flow"),
+        ("record: !!set {seed}\n", "record: Input should be"),
+        ("{1: 2}\n", "1"),
         ("train: {diffusion: {training: {step: 3}}}\n", r"'train\.diffusion\.training\.step'; did you mean 'steps'\?"),
     ],
 )
 def test_mistake_gets_one_sentence_that_names_the_remedy(tmp_path, text, message):
     with pytest.raises(ConfigError, match=message):
         load_runs(write(tmp_path, text))
+
+
+def test_name_or_folder_may_look_like_a_date(tmp_path):
+    path = write(tmp_path, "name: 2026-11-22\nlogs: 2026-11-20\n")
+    (config,) = load_runs(path, ["labels=2026-02-30"])
+    assert (config.name, config.logs, config.labels) == ("2026-11-22", Path("2026-11-20"), Path("2026-02-30"))
+
+
+def test_seed_below_zero_is_refused_wherever_it_is_said(tmp_path):
+    (config,) = load_runs(write(tmp_path, "condition: bc\n"))
+    with pytest.raises(ConfigError, match="seed: Input should be greater than or equal to 0, got -1"):
+        config.narrowed(None, -1)
 
 
 def test_base_of_a_base_is_refused(tmp_path):
@@ -202,6 +217,12 @@ def test_a_list_of_tasks_will_do(tmp_path):
         ("tasks: []\n", "'tasks' must list tasks"),
         ("task: lamp\ntasks: [lamp]\n", "without 'task'"),
         ("tasks: {lamp: {roundz: 3}}\n", "rounds"),
+        ("tasks: [one_leg, {lamp: {}}]\n", "'tasks' must list tasks"),
+        ("tasks: {lamp: 5}\n", "'tasks' must list tasks"),
+        ("tasks: {1: {}}\n", "'tasks' must list tasks"),
+        ("tasks: lamp\n", "'tasks' must list tasks"),
+        ("flow: study\nconditions:\ntasks: [lamp]\n", "conditions: Input should be a valid"),
+        ("flow: study\nconditions: 5\ntasks: [lamp]\n", "conditions: Input should be a valid"),
     ],
 )
 def test_wrong_tasks_are_told(tmp_path, text, message):
