@@ -221,12 +221,6 @@ class StudyConfig(LoopConfig):
         _check_run(self)
         return self
 
-    @model_validator(mode="after")
-    def _has_what_to_mix(self) -> Self:
-        if Condition.MULTITASK in self.conditions and len(self.mix) < 2:
-            raise ValueError("condition multitask needs several tasks; list them under tasks")
-        return self
-
     @field_validator("conditions", "seeds")
     @classmethod
     def _are_distinct(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -256,9 +250,11 @@ def _check_run(config: RunConfig) -> None:
     """Refuse at once what would otherwise be noticed after a training.
 
     Raises:
-        ValueError: If a model would find no initial states to collect from.
+        ValueError: If a model is for several tasks and there are none, or finds no initial states to collect from.
     """
     methods = [METHODS[condition] for condition in config.conditions]
+    if any(method.mixes for method in methods) and len(config.mix) < 2:
+        raise ValueError("condition multitask needs several tasks; the file that names it must list them under tasks")
     collecting = [
         loop for method in methods if method.collects for loop in (config.mix.values() if method.mixes else (config,))
     ]
@@ -296,9 +292,10 @@ def load_runs(path: Path, overrides: Sequence[str] = ()) -> tuple[RunConfig, ...
 
 def _each_task(content: dict[str, Any], origin: str) -> list[dict[str, Any]]:
     """One configuration for each task; one with the condition ``multitask`` is told of all."""
-    if content.get(TASKS_KEY) is None:
-        return [{key: value for key, value in content.items() if key != TASKS_KEY}]
-    own = _tasks(content.pop(TASKS_KEY))
+    tasks = content.pop(TASKS_KEY, None)
+    if tasks is None:
+        return [content]
+    own = _tasks(tasks)
     if not own or "task" in content:
         raise ConfigError(f"{origin}: 'tasks' must list tasks, or map them to what differs for each, without 'task'")
     name, mixes = content.get("name", "juicer"), _names_mix(content)
@@ -332,7 +329,8 @@ def _tasks(content: Any) -> dict[str, dict[str, Any]]:
 def _names_mix(content: Mapping[str, Any]) -> bool:
     """Whether a configuration asks for a model for several tasks."""
     conditions = content.get("conditions")
-    return isinstance(conditions, list) and Condition.MULTITASK in conditions
+    named = [content.get("condition"), *(conditions if isinstance(conditions, list) else ())]
+    return Condition.MULTITASK in named
 
 
 def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

@@ -202,6 +202,19 @@ def test_the_model_for_several_tasks_is_trained_alike_whoever_asks_for_it(tmp_pa
     assert [training.training.steps for training in trainings] == [7000, 7000]
 
 
+def test_one_model_for_several_tasks_needs_no_study(tmp_path):
+    runs = load_runs(write(tmp_path, "condition: multitask\ntasks: [lamp, one_leg]\n"))
+    assert [(run.task, list(run.mix)) for run in runs] == [
+        ("lamp", ["lamp", "one_leg"]),
+        ("one_leg", ["lamp", "one_leg"]),
+    ]
+
+
+def test_choosing_a_model_for_several_tasks_where_there_is_one_is_refused():
+    with pytest.raises(ConfigError, match="condition multitask needs several tasks"):
+        CollectInferConfig().narrowed(Condition.MULTITASK, None)
+
+
 def test_a_list_of_tasks_will_do(tmp_path):
     runs = load_runs(write(tmp_path, "flow: study\nconditions: [bc]\ntasks: [lamp, round_table]\n"))
     assert [run.task for run in runs] == ["lamp", "round_table"]
@@ -213,6 +226,8 @@ def test_a_list_of_tasks_will_do(tmp_path):
     [
         ("flow: study\nconditions: [multitask]\n", "needs several tasks"),
         ("flow: study\nconditions: [multitask]\ntasks: [lamp]\n", "needs several tasks"),
+        ("condition: multitask\n", "needs several tasks"),
+        ("condition: multitask\ntasks: [lamp]\n", "needs several tasks"),
         ("flow: study\nconditions: [multitask]\ntrain: 3\ntasks: [lamp, one_leg]\n", "train"),
         ("tasks: []\n", "'tasks' must list tasks"),
         ("task: lamp\ntasks: [lamp]\n", "without 'task'"),
