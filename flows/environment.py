@@ -6,7 +6,7 @@ import logging
 import os
 from pathlib import Path
 
-from flows.services import check_reachable, find_services, is_prefect_healthy
+from flows.services import check_address, check_reachable, find_services, is_prefect_healthy
 from flows.settings import Settings
 from juicer.errors import ServiceUnavailable
 
@@ -46,6 +46,7 @@ def prepare_environment(settings: Settings) -> bool:
     """Set what the user has not set; returns whether a running Prefect server will be used.
 
     Raises:
+        ConfigError: If the address of a Prefect server is none.
         ServiceUnavailable: If a Prefect server is configured and does not answer.
     """
     for name, value in quiet_environment(settings).items():
@@ -54,6 +55,7 @@ def prepare_environment(settings: Settings) -> bool:
         logging.getLogger(name).setLevel(logging.INFO)
     url = os.environ.get(API_VARIABLE) or _announced_api(settings.folder)
     if url:
+        check_address(API_VARIABLE, url)
         os.environ[API_VARIABLE] = url
         check_reachable("Prefect server", url, f"start it, or unset {API_VARIABLE} to run without one")
         return True

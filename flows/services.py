@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from juicer.errors import ServiceUnavailable
+from juicer.errors import ConfigError, ServiceUnavailable
 
 SERVICES_FILE = ".services.json"
 LOOPBACK = "127.0.0.1"
@@ -68,6 +68,21 @@ def is_prefect_healthy(services: Services) -> bool:
 def is_mlflow_healthy(services: Services) -> bool:
     """Whether the announced MLflow server answers."""
     return _answers(f"{services.mlflow}/health")
+
+
+def check_address(variable: str, url: str) -> None:
+    """Refuse a text that names no web server.
+
+    Raises:
+        ConfigError: Naming the environment variable that holds it.
+    """
+    try:
+        parts = urlsplit(url)
+        names_server = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        names_server = False
+    if not names_server:
+        raise ConfigError(f"environment variable {variable}: '{url}' is no address; write it as http://HOST:PORT/api")
 
 
 def check_reachable(name: str, url: str, remedy: str) -> None:

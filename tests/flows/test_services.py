@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from flows.environment import API_VARIABLE, DATABASE_VARIABLE, prepare_environment
 from flows.services import Services, announced, check_reachable, choose_port, find_services, is_prefect_healthy
 from flows.settings import Settings
-from juicer.errors import ServiceUnavailable
+from juicer.errors import ConfigError, ServiceUnavailable
 
 SERVICES = Services(prefect="http://127.0.0.1:9", mlflow="http://127.0.0.1:10")
 
@@ -50,6 +51,20 @@ def test_configured_server_that_does_not_answer_is_named(taken_port):
     check_reachable("Prefect server", f"http://127.0.0.1:{taken_port}/api", "start it")
     with pytest.raises(ServiceUnavailable, match=r"'http://127\.0\.0\.1:9/api' does not answer \(.*\); start it"):
         check_reachable("Prefect server", "http://127.0.0.1:9/api", "start it")
+
+
+@pytest.mark.parametrize(
+    "address",
+    ["myhost:4200/api", "myhost/api", "http://myhost:42OO/api", "http://myhost:99999/api", "http:///api", "[::1"],
+)
+def test_address_that_names_no_server_is_told_with_its_variable(tmp_path, bare_environment, address):
+    import os
+
+    os.environ[API_VARIABLE] = address
+    with pytest.raises(
+        ConfigError, match=rf"PREFECT_API_URL: '{re.escape(address)}' is no address; write it as http://"
+    ):
+        prepare_environment(Settings(data=tmp_path))
 
 
 def test_without_a_server_prefect_keeps_its_records_in_the_data_folder(tmp_path, bare_environment):
