@@ -54,7 +54,7 @@ class ArtifactStore:
             name = hashlib.sha256(url.encode()).hexdigest()[:16]
             cache = cache or Path.home() / ".cache" / "juicer" / name
         else:
-            url = str(Path(url).absolute())
+            url = str(Path(url).expanduser().absolute())
             cache = Path(url)
         object.__setattr__(self, "url", url)
         object.__setattr__(self, "cache", cache.absolute())

@@ -126,6 +126,12 @@ def test_a_relative_store_stays_where_it_was_named(
     assert ArtifactStore(f"file://{tmp_path}/data").find(recipe) is not None
 
 
+@pytest.mark.parametrize("url", ["~/store", "file://~/store"])
+def test_a_store_may_be_named_from_the_home_folder(url: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert ArtifactStore(url).url == str(tmp_path / "store")
+
+
 def test_what_was_never_made_is_not_found(store: ArtifactStore, recipe: Recipe) -> None:
     for action in (store.open, store.manifest, store.verify, store.discard, store.lineage):
         with pytest.raises(ArtifactNotFound, match="see `juicer ls episodes`"):
