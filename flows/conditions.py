@@ -29,7 +29,7 @@ class Method:
         augments: Whether corrective episodes are added.
         collects: Whether it retrains on its own successes.
         adds_noise: Whether observed states are perturbed in training.
-        policy: Which entry of a configuration's ``policies`` it trains.
+        policy: Which entry of a configuration's section ``train`` it trains.
         replays: Whether it plays demonstrations instead of training on them.
         mixes: Whether one model is trained on the data of several tasks.
     """

@@ -48,7 +48,7 @@ class UnchunkedConfig(TrainConfig):
 
 
 class PoliciesConfig(StrictConfig):
-    """The three policies of the paper's comparison, and how each is trained.
+    """The policies of the paper's comparison, and how each is trained.
 
     Attributes:
         diffusion: The method's own policy.
