@@ -10,9 +10,9 @@ from flows.board import Board
 from flows.config import RunConfig
 from flows.plan import PlannedCall
 from flows.settings import Settings
+from flows.store import open_store
 from flows.tracked import Tracking
 from juicer.artifacts.ref import ArtifactRef
-from juicer.artifacts.store import ArtifactStore
 from stages.session import Session, perform_here
 from stages.stage import StageCall
 from stages.tracking.courier import Courier, Destination
@@ -37,11 +37,6 @@ class Opened:
     session: Session
     board: Board
     tracking: Tracking | None
-
-
-def open_store(settings: Settings) -> ArtifactStore:
-    """The artifact store of this process."""
-    return ArtifactStore(settings.store_url, cache=settings.folder / "cache")
 
 
 @contextmanager

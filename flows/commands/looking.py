@@ -8,6 +8,7 @@ from typing import Any
 from flows.commands.output import bytes_text, say, say_json, say_table
 from flows.facts import headline
 from flows.settings import read_settings
+from flows.store import open_store
 from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import KINDS, ArtifactRef
 from juicer.artifacts.store import ArtifactStore
@@ -16,17 +17,11 @@ from juicer.errors import ConfigError, DamagedArtifact, did_you_mean
 _BRANCH, _LAST, _PIPE, _SPACE = "├─ ", "└─ ", "│  ", "   "
 
 
-def open_store() -> ArtifactStore:
-    """The store of this process."""
-    settings = read_settings()
-    return ArtifactStore(settings.store_url, cache=settings.folder / "cache")
-
-
 def list_kind(kind: str | None, as_json: bool) -> None:
     """``juicer ls``."""
     if kind is not None and kind not in KINDS:
         raise ConfigError(f"unknown kind of artifact '{kind}'{did_you_mean(kind, KINDS)}")
-    store = open_store()
+    store = open_store(read_settings())
     manifests = store.list(kind)
     if as_json:
         say_json([describe(manifest) for manifest in manifests])
@@ -50,7 +45,7 @@ def list_kind(kind: str | None, as_json: bool) -> None:
 
 def show_artifact(text: str, as_json: bool) -> None:
     """``juicer show``."""
-    store = open_store()
+    store = open_store(read_settings())
     ref = store.resolve(text)
     manifest = store.manifest(ref)
     if as_json:
@@ -75,7 +70,7 @@ def show_artifact(text: str, as_json: bool) -> None:
 
 def show_lineage(text: str, as_json: bool) -> None:
     """``juicer lineage``."""
-    store = open_store()
+    store = open_store(read_settings())
     ref = store.resolve(text)
     if as_json:
         nodes = [*store.lineage(ref), ref]
@@ -88,7 +83,7 @@ def show_lineage(text: str, as_json: bool) -> None:
 
 def verify_artifacts(text: str | None, as_json: bool) -> None:
     """``juicer verify``; fails if anything is damaged."""
-    store = open_store()
+    store = open_store(read_settings())
     refs = [store.resolve(text)] if text else list(store.refs())
     problems = {str(ref): list(found) for ref in refs if (found := store.verify(ref))}
     if as_json:

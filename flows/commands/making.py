@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flows.commands.output import say, say_json
-from flows.opening import open_store, opened
+from flows.opening import opened
 from flows.repair import repair
 from flows.settings import read_settings
+from flows.store import open_store
 from juicer.config import parse_config
 from juicer.errors import ConfigError, WrongArtifactKind
 from juicer.tasks.registry import get_task

@@ -15,6 +15,7 @@ from flows.commands.output import say, say_json, say_table
 from flows.conditions import Condition
 from flows.environment import API_VARIABLE, prepare_environment
 from flows.settings import Settings, read_settings
+from flows.store import open_store
 from flows.temporary_server import TemporaryServer
 from juicer.errors import ConfigError, ServiceUnavailable, did_you_mean
 from stages.isolation import warm_up
@@ -44,8 +45,6 @@ def run_flow(path: Path, overrides: Sequence[str], part: Part, as_json: bool) ->
     """``juicer run``."""
     settings = read_settings()
     has_server = prepare_environment(settings)
-    from flows.opening import open_store
-
     if settings.spread and not has_server:
         raise ServiceUnavailable(
             f"stages elsewhere need a Prefect server that all machines reach; set {API_VARIABLE} or unset JUICER_SPREAD"
@@ -71,7 +70,7 @@ def run_flow(path: Path, overrides: Sequence[str], part: Part, as_json: bool) ->
 def _reuse_everything(settings: Settings, config: RunConfig) -> RunOutcome | None:
     """Outcome of a run of which everything is in the store; starting a Prefect server would show nothing new."""
     from flows.execution import execute
-    from flows.opening import open_store, opened
+    from flows.opening import opened
     from flows.plan import is_complete
 
     if not is_complete(open_store(settings), config):
@@ -126,7 +125,6 @@ def run_stage(
     """``juicer stage``."""
     settings = read_settings()
     has_server = prepare_environment(settings)
-    from flows.opening import open_store
     from flows.plan import ready_calls
     from stages.catalog import find_stage
 
@@ -151,7 +149,6 @@ def run_stage(
 def explain_stage(name: str, path: Path, overrides: Sequence[str], part: Part, as_json: bool) -> None:
     """``juicer explain``."""
     settings = read_settings()
-    from flows.opening import open_store
     from flows.plan import calls_of, plan
     from juicer.artifacts.explain import explain
     from stages.catalog import find_stage
@@ -205,6 +202,8 @@ def _condition(text: str | None) -> Condition | None:
 
 
 def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore) -> None:
+    from stages.report import FILM, PAGE
+
     rows = [
         [
             row.condition,
@@ -223,8 +222,8 @@ def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore) -
     if outcome.report:
         folder = store.open(outcome.report)
         say("")
-        say(f"report   {folder / 'report.html'}")
-        if (folder / "success.mp4").exists():
-            say(f"film     {folder / 'success.mp4'}")
+        say(f"report   {folder / PAGE}")
+        if (folder / FILM).exists():
+            say(f"film     {folder / FILM}")
         say("pages    juicer ui   (Prefect's and MLflow's, on this machine)")
         say(f"lineage  juicer lineage {outcome.models[-1].evaluation.id}")
