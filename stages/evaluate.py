@@ -12,13 +12,11 @@ from juicer.episode import Episode, Outcome
 from juicer.evaluation import milestone_counts, wilson_interval
 from juicer.seed_ranges import Purpose
 from juicer.storage.episodes import write_episodes
-from juicer.storage.tables import EvaluationRow, write_evaluation
+from juicer.storage.tables import EXAMPLES, EvaluationRow, write_evaluation
 from juicer.tasks.registry import get_task
 from stages.rollouts import RolloutConfig, roll_out
 from stages.stage import StageContext, stage
 
-EXAMPLES = "examples"
-"""Folder of the artifact with a few whole episodes, to be replayed and filmed."""
 EXAMPLES_KEPT = 3
 """Successes, and as many failures."""
 

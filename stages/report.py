@@ -13,12 +13,12 @@ from juicer.episode import Episode, Outcome
 from juicer.errors import RenderingUnavailable
 from juicer.evaluation import ConditionResult
 from juicer.storage.episodes import EpisodeReader
+from juicer.storage.tables import EXAMPLES
 from stages.report_data import ReportRow, condition_results, gather
 from stages.stage import StageContext, stage
 
 PAGE = "report.html"
 FILM = "success.mp4"
-EXAMPLES = "examples"
 
 
 class ReportConfig(StrictConfig):

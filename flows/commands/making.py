@@ -111,7 +111,7 @@ def replay_episode(text: str, index: int, video: Path, camera: str, speed: int, 
 
 def _read(store: ArtifactStore, ref: ArtifactRef, index: int) -> Episode:
     from juicer.storage.episodes import EpisodeReader
-    from stages.report import EXAMPLES
+    from juicer.storage.tables import EXAMPLES
 
     if ref.kind not in ("episodes", "evaluation"):
         raise WrongArtifactKind(f"{ref} holds no episodes to replay; see `juicer ls episodes`")

@@ -16,6 +16,9 @@ from juicer.errors import ArtifactError
 MILESTONES = pa.map_(pa.string(), pa.int32())
 """Step at which each milestone was first reached, by name."""
 
+EXAMPLES = "examples"
+"""Folder of an evaluation with a few whole episodes, to be replayed and filmed."""
+
 _ANNOTATIONS = pa.schema(
     {
         "episode": pa.int32(),
