@@ -10,7 +10,8 @@ import numpy as np
 from juicer.episode import Episode, Outcome
 from juicer.progress import Progress
 from juicer.reporting.content import FilmStrip
-from juicer.sim.film import STEP_SECONDS, Picture, draw, evenly_spaced, write_video
+from juicer.sim.env import STEP_S
+from juicer.sim.film import Picture, draw, evenly_spaced, write_video
 
 PICTURES = 8
 PICTURE_SIZE = (320, 240)
@@ -55,7 +56,7 @@ def _strip(model: str, episode: Episode, steps: list[int], pictures: list[Pictur
         title="A success" if _is_success(episode) else "A typical failure",
         caption=f"{model}, initial state {record.seed}, {len(episode)} steps{missed}",
         frames=np.stack(pictures),
-        seconds=tuple(step * STEP_SECONDS for step in steps),
+        seconds=tuple(step * STEP_S for step in steps),
         labels={steps.index(step): name for name, step in record.milestones.items() if step in steps},
     )
 

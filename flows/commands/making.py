@@ -26,7 +26,6 @@ STRIP_PICTURES = 6
 STRIP_SIZE = (320, 240)
 FILM_SIZE = (480, 360)
 FRAMES_PER_SECOND = 20
-STEPS_PER_SECOND = 10
 
 
 def evaluate_checkpoint(
@@ -78,6 +77,7 @@ def repair_artifact(text: str, files: Path | None, as_json: bool) -> None:
 
 def replay_episode(text: str, index: int, video: Path, camera: str, speed: int, as_json: bool) -> None:
     """``juicer replay``."""
+    from juicer.sim.env import CONTROL_HZ
     from juicer.sim.film import draw, evenly_spaced, write_strip, write_video
 
     settings = read_settings()
@@ -85,8 +85,8 @@ def replay_episode(text: str, index: int, video: Path, camera: str, speed: int, 
     if not video.parent.is_dir():
         raise ConfigError(f"folder '{video.parent}' for the film does not exist")
     episode = _read(store, store.resolve(text), index)
-    stride = max(1, STEPS_PER_SECOND * speed // FRAMES_PER_SECOND)
-    rate = STEPS_PER_SECOND * speed // stride
+    stride = max(1, CONTROL_HZ * speed // FRAMES_PER_SECOND)
+    rate = CONTROL_HZ * speed // stride
     steps = range(0, len(episode) + 1, stride)
     width, height = FILM_SIZE
     with opened(settings, None) as surroundings:

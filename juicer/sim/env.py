@@ -24,14 +24,15 @@ from juicer.sim.initial_states import initial_part_poses
 from juicer.sim.milestones import BaseProgress, PairProgress
 from juicer.sim.panda import END_EFFECTOR_SITE, FINGER_JOINTS, GRIP_FORCE_N, NUM_ARM_JOINTS, RESET_JOINTS_RAD
 from juicer.sim.rendering import CameraRenderer
-from juicer.sim.scene import FRONT_CAMERA, build_spec
+from juicer.sim.scene import FRONT_CAMERA, TIMESTEP_S, build_spec
 from juicer.sim.state import SimulatorState
 from juicer.tasks.registry import get_task
 from juicer.tasks.specification import TABLE_HEIGHT_M, parse_randomness
 
-CONTROL_HZ = 10
 TARGET_UPDATES = 10
 SUBSTEPS_PER_UPDATE = 5
+STEP_S = TARGET_UPDATES * SUBSTEPS_PER_UPDATE * TIMESTEP_S
+CONTROL_HZ = round(1 / STEP_S)
 _FRACTIONS = np.arange(1, TARGET_UPDATES + 1)[:, None] / TARGET_UPDATES
 SETTLING_S = 0.3
 # A part this far below the table's surface has fallen off it.

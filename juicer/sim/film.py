@@ -16,9 +16,6 @@ from juicer.episode import STATE_KEY, Episode
 from juicer.errors import ConfigError, JuicerError
 from juicer.sim.env import AssemblyEnv
 
-STEP_SECONDS = 0.1
-"""Simulated time of a control step."""
-
 Picture = NDArray[np.uint8]
 
 

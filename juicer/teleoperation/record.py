@@ -14,11 +14,10 @@ import numpy as np
 from juicer.episode import EpisodeRecord, Outcome, Source
 from juicer.progress import Progress, silent_progress
 from juicer.seeding import stream
-from juicer.sim.env import AssemblyEnv
+from juicer.sim.env import STEP_S, AssemblyEnv
 from juicer.sim.recorder import EpisodeRecorder
 from juicer.teleoperation.log import SUFFIX, OperatorLog, write_log
 from juicer.teleoperation.operator import DEVICE, ScriptedOperator
-from juicer.teleoperation.skills import STEP_S
 
 
 def record_demonstration(env: AssemblyEnv, operator: ScriptedOperator, seed: int) -> OperatorLog:

@@ -12,11 +12,11 @@ import math
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 
+from juicer.sim.env import STEP_S
 from juicer.teleoperation.pose import UP, Pose, Vector, length, shortened, turn_between, turned
 from juicer.teleoperation.scene import Scene
 
 OPEN, CLOSE = -1.0, 1.0
-STEP_S = 0.1
 
 # A target that leads the hand by 10 mm moves it by about 5 mm in a control step.
 _FOLLOWING = 0.5

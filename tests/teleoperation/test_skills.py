@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from juicer.sim.env import STEP_S
 from juicer.tasks.registry import get_task
 from juicer.teleoperation.pair_view import downward
 from juicer.teleoperation.pose import Pose, length, turn_between, turned
@@ -15,7 +16,6 @@ from juicer.teleoperation.scene import Scene
 from juicer.teleoperation.skills import (
     CLOSE,
     OPEN,
-    STEP_S,
     Pace,
     Patience,
     Skill,
