@@ -13,9 +13,9 @@ from flows.conditions import METHODS, Condition
 from juicer.config import StrictConfig, override, parse_config, read_mapping
 from juicer.critical_states import AnnotationConfig
 from juicer.errors import ConfigError, did_you_mean
-from juicer.evaluation import SEED_RANGES, Purpose
 from juicer.ingestion import IngestionConfig
 from juicer.policy.config import HorizonConfig, MLPConfig, PolicyConfig
+from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.tasks.specification import Randomness
 from juicer.training.config import OriginalStateNoise, PhysicalStateNoise, TrainingConfig, WindowConfig
 from stages.augment import AugmentConfig
