@@ -22,6 +22,7 @@ from juicer.policy.compute import compute_settings
 from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
 from juicer.policy.network import build_policy
 from juicer.policy.policy import TrainedPolicy
+from juicer.tasks.specification import MOUNTED_COSINE, MOUNTED_M
 from juicer.training.config import TrainingConfig
 from juicer.training.learner import Learner
 from juicer.training.table import BatchOrder
@@ -33,8 +34,8 @@ NUM_EPISODES, NUM_STEPS, NUM_PARTS = 50, 500, 5
 SPEC = FeatureSpec(
     num_parts=NUM_PARTS,
     pairs=(PairSpec(first=0, second=4, target=(0.05625, 0.046875, 0.05625, 1.0, 0.0, 0.0, 0.0)),),
-    mounted_m=0.005,
-    mounted_cosine=0.94,
+    mounted_m=MOUNTED_M,
+    mounted_cosine=MOUNTED_COSINE,
 )
 
 
