@@ -179,7 +179,10 @@ class _Sources:
         """The task of demonstrations, or of what was grown from them."""
         if data.recipe.stage == "ingest":
             return str(data.recipe.config["task"])
-        return self._task_of(self._store.manifest(data.recipe.inputs["episodes"][0]))
+        try:
+            return self._task_of(self._store.manifest(data.recipe.inputs["episodes"][0]))
+        except ArtifactError:
+            return "demonstrations that are no longer there"
 
     def _name_of(self, checkpoint: Manifest) -> str:
         """The models that act with a checkpoint, or those that grew out of it."""
