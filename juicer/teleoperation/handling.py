@@ -117,7 +117,8 @@ class Habits:
             clearance_m=rng.uniform(0.055, 0.075),
             rim_height_m=rng.uniform(0.020, 0.024),
             rim_offset_m=rng.uniform(-0.010, 0.010),
-            tilt_rad=math.radians(rng.uniform(46, 49)),
+            # Less, and over the hole the wrist comes to its limit, where the hand no longer goes where it is told.
+            tilt_rad=math.radians(rng.uniform(50, 53)),
             pick_offset_m=rng.uniform(-0.0025, 0.0025),
             pick_height_m=rng.uniform(0.003, 0.006),
             lift_m=rng.uniform(0.055, 0.070),

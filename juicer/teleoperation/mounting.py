@@ -40,7 +40,8 @@ _STROKE_SINK_M = 0.005
 
 # Heights of the part above its seat, beyond the depth of its hole: over its mouth, inside it.
 _MOUTH_M, _INSIDE_M = 0.006, -0.001
-_ON_BEADS_M, _DOWN_M = 0.018, 0.004
+# Below which a part rests: past the first turn of its thread, where it cannot fall out again; on its seat.
+_PAST_BEAD_M, _DOWN_M = 0.012, 0.004
 _SINK_M = 0.020
 _CAUGHT_M = 0.007
 # Steps after which a part in its hole, which the hand's tremor keeps from lying still, is taken for at rest.
@@ -275,9 +276,9 @@ class Mounting:
 
 
 class ScrewMounting(Mounting):
-    """The phases in which a part with a thread is mounted; lowered, it rests on the beads of its hole."""
+    """The phases in which a part with a thread is mounted; pressed past its first turn, it stays in its hole."""
 
-    _rests_below_m = _ON_BEADS_M
+    _rests_below_m = _PAST_BEAD_M
 
     def step(self, scene: Scene) -> Skill:
         """Whatever comes next."""
