@@ -43,8 +43,8 @@ def held_leg(aside_m: float, height_m: float) -> Scene:
 
 @pytest.mark.parametrize(
     ("aside_m", "height_m", "gripper"),
-    [(0.0, 0.05, CLOSE), (0.0, 0.01, OPEN), (0.03, 0.01, OPEN)],
-    ids=["over its hole", "in its hole", "resting beside its hole"],
+    [(0.0, 0.05, CLOSE), (0.0, 0.0175, CLOSE), (0.0, 0.01, OPEN), (0.03, 0.01, OPEN)],
+    ids=["over its hole", "on its first turn, where it could fall out", "in its hole", "resting beside its hole"],
 )
 def test_a_held_leg_is_lowered_and_then_let_go(aside_m, height_m, gripper):
     scene = held_leg(aside_m, height_m)
