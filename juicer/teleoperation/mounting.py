@@ -15,7 +15,7 @@ from juicer.teleoperation.corner import PUSH_LEAD_M, leave
 from juicer.teleoperation.gripper_room import Block, has_room, nearest_room, obstacles
 from juicer.teleoperation.handling import Habits
 from juicer.teleoperation.pair_view import EASY_YAW_RAD, STROKE_END_RAD, PairView, downward
-from juicer.teleoperation.pose import UP, Pose, Vector, cross, heading, length, swing, turned, wrapped
+from juicer.teleoperation.pose import UP, Matrix, Pose, Vector, cross, heading, length, swing, turned, wrapped
 from juicer.teleoperation.scene import Scene
 from juicer.teleoperation.skills import (
     CLOSE,
@@ -51,6 +51,7 @@ _ASIDE, _ASTRAY = 2.0, 4.0
 # Sink of a part that is not aligned yet, of that of one that is.
 _CREEP = 0.15
 _UPRIGHT_RAD, _LEANS_FAR_RAD, _LEANS_FAR_M = math.radians(12), math.radians(12), 0.005
+_ROCK_RAD, _SIDEWAYS = math.radians(6), np.array([0.0, 1.0, 0.0])
 _CLEAR_OF_PART_M = 0.06
 _AWAY_M = 0.05
 _FINGER_PLAY_M = 0.008
@@ -262,8 +263,12 @@ class Mounting:
         else:
             sink = min(max(2.0 * (1.0 - error), _CREEP), 1.0)
         height = min(seat.height_m - _SINK_M * sink, self.view.clear_m)
-        goal = Pose(self.view.seat_point(scene, height), self.view.upright(scene))
+        goal = Pose(self.view.seat_point(scene, height), self._entering(scene))
         return holding(scene, self.view.part(scene), goal)
+
+    def _entering(self, scene: Scene) -> Matrix:
+        """Rotation in which the part is lowered."""
+        return self.view.upright(scene)
 
     def _has_arrived(self, scene: Scene) -> bool:
         """Whether the part stands on what it was lowered onto."""
@@ -326,6 +331,12 @@ class ScrewMounting(Mounting):
         elif self.view.is_held(scene):
             scene = yield from self._leave(scene, "let go")
         return scene
+
+    def _entering(self, scene: Scene) -> Matrix:
+        """Upright, but rocked away from the robot at the first turn of its thread, on which it would stand."""
+        upright = self.view.upright(scene)
+        at_first_turn = _PAST_BEAD_M < self.view.seat(scene).height_m < self.view.depth_m + _INSIDE_M
+        return turned(_ROCK_RAD * _SIDEWAYS, upright) if at_first_turn else upright
 
     def _on_axis(self, scene: Scene) -> Vector:
         """Point of the hole's axis at the height of the part's origin; the part itself may lean."""
