@@ -15,7 +15,7 @@ from juicer.teleoperation.handling import HANDLINGS, Habits
 from juicer.teleoperation.mounting import ScrewMounting
 from juicer.teleoperation.operator import ScriptedOperator
 from juicer.teleoperation.pair_view import PairView
-from juicer.teleoperation.pose import Pose
+from juicer.teleoperation.pose import Pose, turn_between
 from juicer.teleoperation.scene import Scene
 from juicer.teleoperation.skills import CLOSE, OPEN
 
@@ -53,6 +53,15 @@ def test_a_held_leg_is_lowered_and_then_let_go(aside_m, height_m, gripper):
     skill = MOUNTING.insert if VIEW.is_engaged(scene) else MOUNTING.step
     command = next(skill(scene))
     assert command.gripper == gripper
+
+
+@pytest.mark.parametrize(("height_m", "rocks"), [(0.030, False), (0.0175, True), (0.008, False)])
+def test_a_leg_is_rocked_away_from_the_robot_where_it_would_stand_on_its_thread(height_m, rocks):
+    scene = held_leg(0.0, height_m)
+    target = next(MOUNTING.insert(scene)).target
+    about = turn_between(scene.hand.rotation, target.rotation)
+    assert about[[0, 2]] == pytest.approx(0.0, abs=1e-6)
+    assert about[1] > math.radians(2) if rocks else about[1] == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(
