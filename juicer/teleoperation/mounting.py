@@ -14,7 +14,7 @@ from juicer.tasks.specification import AssemblyTask
 from juicer.teleoperation.corner import PUSH_LEAD_M, leave
 from juicer.teleoperation.gripper_room import Block, has_room, nearest_room, obstacles
 from juicer.teleoperation.handling import Habits
-from juicer.teleoperation.pair_view import EASY_YAW_RAD, STROKE_END_RAD, PairView, downward
+from juicer.teleoperation.pair_view import EASY_YAW_RAD, STROKE_END_RAD, PairView, Seat, downward
 from juicer.teleoperation.pose import UP, Matrix, Pose, Vector, cross, heading, length, swing, turned, wrapped
 from juicer.teleoperation.scene import Scene
 from juicer.teleoperation.skills import (
@@ -40,7 +40,7 @@ _STROKE_SINK_M = 0.005
 
 # Heights of the part above its seat, beyond the depth of its hole: over its mouth, inside it.
 _MOUTH_M, _INSIDE_M = 0.006, -0.001
-# Below which a part rests: past the first turn of its thread, where it cannot fall out again; on its seat.
+# Below which a part rests: past the first turn of its thread, where it does not fall out again; on its seat.
 _PAST_BEAD_M, _DOWN_M = 0.012, 0.004
 _SINK_M = 0.020
 _CAUGHT_M = 0.007
@@ -51,6 +51,7 @@ _ASIDE, _ASTRAY = 2.0, 4.0
 # Sink of a part that is not aligned yet, of that of one that is.
 _CREEP = 0.15
 _UPRIGHT_RAD, _LEANS_FAR_RAD, _LEANS_FAR_M = math.radians(12), math.radians(12), 0.005
+# Away from the robot, about the y axis of its base.
 _ROCK_RAD, _SIDEWAYS = math.radians(6), np.array([0.0, 1.0, 0.0])
 _CLEAR_OF_PART_M = 0.06
 _AWAY_M = 0.05
@@ -252,7 +253,7 @@ class Mounting:
         seat = self.view.seat(scene)
         # Wide high up and narrow at the hole's mouth, like a funnel; inside, the mouth itself leads the peg.
         tolerance = self._handling.aligned_m + 0.25 * max(0.0, seat.height_m - self.view.depth_m - _MOUTH_M)
-        if seat.height_m < self.view.depth_m + _INSIDE_M:
+        if self._is_in_hole(seat):
             tolerance = _CAUGHT_M
         error = (seat.aside_m + 0.05 * seat.lean_rad) / tolerance
         # A hand that rises for every millimetre, or waits where it hardly moves, teaches policies to hover.
@@ -263,10 +264,14 @@ class Mounting:
         else:
             sink = min(max(2.0 * (1.0 - error), _CREEP), 1.0)
         height = min(seat.height_m - _SINK_M * sink, self.view.clear_m)
-        goal = Pose(self.view.seat_point(scene, height), self._entering(scene))
+        goal = Pose(self.view.seat_point(scene, height), self._entering(scene, seat))
         return holding(scene, self.view.part(scene), goal)
 
-    def _entering(self, scene: Scene) -> Matrix:
+    def _is_in_hole(self, seat: Seat) -> bool:
+        """Whether the part has come through the mouth of its hole."""
+        return seat.height_m < self.view.depth_m + _INSIDE_M
+
+    def _entering(self, scene: Scene, seat: Seat) -> Matrix:
         """Rotation in which the part is lowered."""
         return self.view.upright(scene)
 
@@ -332,10 +337,10 @@ class ScrewMounting(Mounting):
             scene = yield from self._leave(scene, "let go")
         return scene
 
-    def _entering(self, scene: Scene) -> Matrix:
+    def _entering(self, scene: Scene, seat: Seat) -> Matrix:
         """Upright, but rocked away from the robot at the first turn of its thread, on which it would stand."""
         upright = self.view.upright(scene)
-        at_first_turn = _PAST_BEAD_M < self.view.seat(scene).height_m < self.view.depth_m + _INSIDE_M
+        at_first_turn = self._is_in_hole(seat) and seat.height_m > _PAST_BEAD_M
         return turned(_ROCK_RAD * _SIDEWAYS, upright) if at_first_turn else upright
 
     def _on_axis(self, scene: Scene) -> Vector:
