@@ -24,7 +24,7 @@ FENCE = (
     ((0.6065, -0.175), (0.085, 0.01)),
     ((0.6065, 0.175), (0.085, 0.01)),
 )
-_FENCE_HALF_HEIGHT = 0.015
+FENCE_HEIGHT_M = 0.03
 FENCE_CORNER_XY = (0.6715, 0.165)
 """Where the inner faces of the front and the left bar meet [m]."""
 
@@ -96,7 +96,7 @@ def _add_workspace(spec: mujoco.MjSpec) -> None:
     for number, (center, half) in enumerate(FENCE):
         world.add_geom(
             name=f"fence{number}", type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=(*center, TABLE_HEIGHT_M + _FENCE_HALF_HEIGHT), size=(*half, _FENCE_HALF_HEIGHT),
+            pos=(*center, TABLE_HEIGHT_M + FENCE_HEIGHT_M / 2), size=(*half, FENCE_HEIGHT_M / 2),
             rgba=(0.95, 0.95, 0.95, 1), **FIXTURE.attributes(),
         )  # fmt: skip
     wall = {"type": mujoco.mjtGeom.mjGEOM_BOX, "rgba": (0.0, 0.45, 0.27, 1), "contype": 0, "conaffinity": 0}

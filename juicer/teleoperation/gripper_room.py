@@ -1,4 +1,4 @@
-"""Is there room for the gripper between the parts that lie about?"""
+"""Is there room for the gripper between the parts that lie about, and over the fence?"""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from juicer.tasks.specification import AssemblyTask
+from juicer.sim.scene import FENCE, FENCE_HEIGHT_M
+from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask
 from juicer.teleoperation.pose import Pose, Vector
 from juicer.teleoperation.scene import Scene
 
@@ -32,6 +33,14 @@ _HAND = (
     Block(Pose(np.array([0.0, 0.040, -0.014]), np.eye(3)), np.array([0.009, 0.008, 0.023])),
     Block(Pose(np.array([0.0, -0.040, -0.014]), np.eye(3)), np.array([0.009, 0.008, 0.023])),
 )
+# A little higher than it is: an arm does not go exactly where it is told.
+_FENCE = tuple(
+    Block(
+        Pose(np.array([*center, TABLE_HEIGHT_M + FENCE_HEIGHT_M / 2]), np.eye(3)),
+        np.array([*half_size, FENCE_HEIGHT_M / 2 + 0.003]),
+    )
+    for center, half_size in FENCE
+)
 _SHIFTS_M = (0.03, 0.05, 0.07, 0.09)
 _DIRECTIONS = np.array([[math.cos(angle), math.sin(angle), 0.0] for angle in np.arange(8) * math.pi / 4])
 # Robot base frame (x, y): where a tilted hand can still pick up something that lies on the table.
@@ -54,6 +63,11 @@ def obstacles(task: AssemblyTask, scene: Scene, grasped: int) -> list[Block]:
 def has_room(hand: Pose, blocks: Sequence[Block]) -> bool:
     """Whether an open hand at a pose keeps clear of all blocks."""
     return all(_is_clear(Block(hand @ own.pose, own.half_size), blocks) for own in _HAND)
+
+
+def clears_fence(hand: Pose) -> bool:
+    """Whether an open hand at a pose touches no bar of the fence."""
+    return has_room(hand, _FENCE)
 
 
 def nearest_room(hand: Pose, part: Block, blocks: Sequence[Block]) -> Vector | None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from juicer.tasks.specification import AssemblyTask
 from juicer.teleoperation.corner import PUSH_LEAD_M, leave
-from juicer.teleoperation.gripper_room import Block, has_room, nearest_room, obstacles
+from juicer.teleoperation.gripper_room import Block, clears_fence, has_room, nearest_room, obstacles
 from juicer.teleoperation.handling import Habits
 from juicer.teleoperation.pair_view import EASY_YAW_RAD, STROKE_END_RAD, PairView, Seat, downward
 from juicer.teleoperation.pose import UP, Matrix, Pose, Vector, cross, heading, length, swing, turned, wrapped
@@ -62,6 +62,8 @@ _HIGHEST_M = 0.30
 
 # Nearer to the robot than this, the wrist cannot bend as far: the hand has to stand more upright over the hole.
 _FAR_X_M, _TILT_RAD_M = 0.56, 6.5
+# Steps in which the hand is straightened until its palm clears the fence.
+_LESS_TILT_RAD = math.radians(2)
 
 
 class Mounting:
@@ -215,7 +217,10 @@ class Mounting:
         if not self._handling.lies:
             return 0.0
         nearer_m = max(0.0, _FAR_X_M - float(self.view.seat_pose(scene).position[0]))
-        return self._habits.tilt_rad + _TILT_RAD_M * nearer_m
+        tilt = self._habits.tilt_rad + _TILT_RAD_M * nearer_m
+        while tilt > 0 and not clears_fence(self._pick_grasp(scene, tilt, 0.0)):
+            tilt -= _LESS_TILT_RAD
+        return tilt
 
     def _pick_grasp(self, scene: Scene, tilt_rad: float, aside_m: float) -> Pose:
         """Hand over the part: across one that lies, tilted back towards its peg, else straight down on its flats."""

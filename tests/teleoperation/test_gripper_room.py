@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from juicer.teleoperation.gripper_room import Block, has_room, nearest_room
+from juicer.teleoperation.gripper_room import Block, clears_fence, has_room, nearest_room
 from juicer.teleoperation.pair_view import downward
 from juicer.teleoperation.pose import UP, Pose, turned
 
@@ -36,6 +36,15 @@ def test_only_the_corner_of_a_turned_block_counts():
     long = np.array([0.08, 0.003, 0.05])
     assert has_room(HAND, [block(0.4, 0.19, 0.0, long, yaw=0.0)])
     assert not has_room(HAND, [block(0.4, 0.16, 0.0, long, yaw=math.pi / 2)])
+
+
+def test_a_hand_tilted_too_far_beside_the_fence_lies_on_it_with_its_palm():
+    def hand(x: float, tilt_rad: float) -> Pose:
+        return Pose(np.array([x, 0.175, 0.01]), turned(tilt_rad * np.array([0.0, 1.0, 0.0]), downward(0.0)))
+
+    assert not clears_fence(hand(0.478, math.radians(52)))
+    assert clears_fence(hand(0.478, math.radians(42)))
+    assert clears_fence(hand(0.40, math.radians(52)))
 
 
 def test_a_part_is_shifted_as_little_as_gives_room():

@@ -77,7 +77,8 @@ def test_a_leg_over_its_hole_sinks_while_it_is_aligned_and_rises_only_far_astray
 
 def test_every_part_of_a_lamp_is_taken_up_once_and_brought_by_an_arm_that_can_move_on():
     env = AssemblyEnv("lamp")
-    seed = next(seed for seed in itertools.count(5006) if not Habits.draw(stream(0, "operator", seed)).fumbles)
+    # From 7004 on: its operator would tilt the hand that picks up the bulb until the palm lies on the fence.
+    seed = next(seed for seed in itertools.count(7004) if not Habits.draw(stream(0, "operator", seed)).fumbles)
     operator = ScriptedOperator(env.task, stream(0, "operator", seed))
     observation, _ = env.reset(seed=seed)
     lowest, highest = env.model.jnt_range[:7].T
@@ -92,6 +93,7 @@ def test_every_part_of_a_lamp_is_taken_up_once_and_brought_by_an_arm_that_can_mo
         ended = succeeded or gave_up
     assert succeeded
     assert room_rad > math.radians(15)
+    assert max(len(list(steps)) for _, steps in itertools.groupby(phases)) < 100
     begun = [phase for phase, last in zip(phases, ["", *phases], strict=False) if phase != last]
     assert [phase for phase in begun if phase.startswith("grasp the")] == [
         "grasp the base",
