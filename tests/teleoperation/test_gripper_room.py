@@ -43,7 +43,7 @@ def test_a_hand_tilted_too_far_beside_the_fence_lies_on_it_with_its_palm():
         return Pose(np.array([x, 0.175, 0.01]), turned(tilt_rad * np.array([0.0, 1.0, 0.0]), downward(0.0)))
 
     assert not clears_fence(hand(0.478, math.radians(52)))
-    assert clears_fence(hand(0.478, math.radians(42)))
+    assert clears_fence(hand(0.478, math.radians(35)))
     assert clears_fence(hand(0.40, math.radians(52)))
 
 
