@@ -27,8 +27,9 @@ _ROUNDING = 1e-3
 _ITERATIONS = 8
 _TOLERANCE = 1e-4  # metres and radians together
 _DAMPING_MATRIX = 1e-3**2 * np.eye(6)
-# Where a joint at its limit keeps the others from a pose: a millimetre counts as a hundredth of a radian.
-_LIMITED_DAMPING_MATRIX, _POSITION_WEIGHT = 5e-2**2 * np.eye(6), 10.0
+# Where the joints' ranges keep the arm from a pose a millimetre counts as a tenth of a radian, and the damping is what
+# keeps the arm from folding over: at a third of it a rotation out of reach can cost 15 cm.
+_POSITION_WEIGHT, _LIMITED_DAMPING = 100.0, 0.5**2
 _POSTURE_GAIN = 0.02
 _HIGHEST_STEP = np.array(0.35)  # radians; as arrays, which numpy need not convert
 _LOWEST_STEP = -_HIGHEST_STEP
@@ -99,30 +100,53 @@ class EndEffectorController:
         mujoco.mju_quat2Vel(self._error[3:], self._quat, 1.0)
 
     def _solve(self, position: Array, rotation: Array) -> None:
-        """Move the arm model from where it is, by the measured error, until its end effector reaches the pose."""
+        """Move the arm model from where it is until its end effector reaches the pose, or its limits keep it away."""
+        start = self._joints.copy()
+        if not self._reach(position, rotation):
+            self._joints[:] = start
+            self._approach(position, rotation)
+
+    def _reach(self, position: Array, rotation: Array) -> bool:
+        """Move the arm model, by the measured error, to the pose; False if that would take a joint out of its range."""
         model, data, joints = self._model, self._data, self._joints
         jacobian, error = self._jacobian, self._error
-        solution, damping, wanted = np.empty(6), _DAMPING_MATRIX, joints
+        solution = np.empty(6)
         for _ in range(_ITERATIONS):
             if mujoco.mju_norm(error) < _TOLERANCE:
-                break
-            mujoco.mj_comPos(model, data)
-            mujoco.mj_jacSite(model, data, jacobian[:3], jacobian[3:], self._site)
+                return True
+            self._differentiate()
             posture = _POSTURE_GAIN * (self._posture - joints)
-            limited = wanted != joints
-            if limited.any():
-                jacobian[:, limited] = posture[limited] = 0.0
-                jacobian[:3] *= _POSITION_WEIGHT
-                error[:3] *= _POSITION_WEIGHT
-                damping = _LIMITED_DAMPING_MATRIX
-            gram = jacobian @ jacobian.T + damping
+            gram = jacobian @ jacobian.T + _DAMPING_MATRIX
             mujoco.mju_cholFactor(gram, 0.0)
             mujoco.mju_cholSolve(solution, gram, error - jacobian @ posture)
-            step = _clipped(posture + jacobian.T @ solution, _LOWEST_STEP, _HIGHEST_STEP)
-            wanted = joints + step
-            joints[:] = _clipped(wanted, self._lowest, self._highest)
+            joints += _clipped(posture + jacobian.T @ solution, _LOWEST_STEP, _HIGHEST_STEP)
+            if np.any((joints < self._lowest) | (joints > self._highest)):
+                return False
             mujoco.mj_kinematics(model, data)
             self._measure_error(position, rotation)
+        return bool(mujoco.mju_norm(error) < _TOLERANCE)
+
+    def _approach(self, position: Array, rotation: Array) -> None:
+        """Move the arm model as near to the pose as the ranges of its joints allow: the position first."""
+        model, joints, jacobian, error = self._model, self._joints, self._jacobian, self._error
+        step, factor, free = np.zeros(model.nv), np.empty((model.nv, model.nv + 7)), np.empty(model.nv, np.int32)
+        damping = _LIMITED_DAMPING * np.eye(model.nv)
+        for _ in range(_ITERATIONS):
+            mujoco.mj_kinematics(model, self._data)
+            self._measure_error(position, rotation)
+            self._differentiate()
+            jacobian[:3] *= _POSITION_WEIGHT
+            error[:3] *= _POSITION_WEIGHT
+            posture = _POSTURE_GAIN * (self._posture - joints)
+            slope = -(jacobian.T @ error + _LIMITED_DAMPING * posture)
+            curvature = jacobian.T @ jacobian + damping
+            mujoco.mju_boxQP(step, factor, free, curvature, slope, self._lowest - joints, self._highest - joints)
+            joints += step
+
+    def _differentiate(self) -> None:
+        """How the arm model's joints move its end effector, where it stands."""
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_jacSite(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._site)
 
 
 def grip_command(action: Array, last: float) -> float:
