@@ -250,7 +250,8 @@ def _check_run(config: RunConfig) -> None:
     """Refuse at once what would otherwise be noticed after a training.
 
     Raises:
-        ValueError: If a model is for several tasks and there are none, or finds no initial states to collect from.
+        ValueError: If a model is for several tasks and there are none, or finds no initial states to collect from or to
+            be evaluated on.
     """
     methods = [METHODS[condition] for condition in config.conditions]
     if any(method.mixes for method in methods) and len(config.mix) < 2:
@@ -266,6 +267,8 @@ def _check_run(config: RunConfig) -> None:
             f"seed {seed} is too large: there are initial states to collect from for seeds up to {largest}; "
             "take a smaller seed, or lower collect.max_episodes"
         )
+    if config.evaluate.first + config.evaluate.episodes > len(SEED_RANGES[Purpose.EVALUATION]):
+        raise ValueError("initial states to evaluate on run out; lower evaluate.first or evaluate.episodes")
 
 
 def load_runs(path: Path, overrides: Sequence[str] = ()) -> tuple[RunConfig, ...]:

@@ -9,7 +9,7 @@ import os
 from functools import cached_property
 from pathlib import Path
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from juicer.errors import ConfigError, did_you_mean
@@ -42,6 +42,15 @@ class Settings(BaseSettings):
     device: str = Field(default="cpu", pattern="^(cpu|cuda(:[0-9]+)?)$")
     startup_seconds: int = Field(default=120, ge=1)
 
+    @field_validator("data", "store")
+    @classmethod
+    def _has_a_home(cls, value: Path | str) -> Path | str:
+        try:
+            Path(value).expanduser()
+        except RuntimeError:
+            raise ValueError(f"there is no user {Path(value).parts[0]}") from None
+        return value
+
     @cached_property
     def folder(self) -> Path:
         """The data folder as an absolute path."""
@@ -73,4 +82,5 @@ def read_settings() -> Settings:
     except ValidationError as error:
         problem = error.errors(include_url=False, include_context=False)[0]
         name = PREFIX + ".".join(map(str, problem["loc"])).upper()
-        raise ConfigError(f"environment variable {name}: {problem['msg']}, got {problem['input']!r}") from None
+        message = problem["msg"].removeprefix("Value error, ")
+        raise ConfigError(f"environment variable {name}: {message}, got {problem['input']!r}") from None

@@ -125,6 +125,13 @@ def test_largest_seed_has_initial_states_for_its_last_round_and_the_next_is_refu
     assert config.narrowed(Condition.BC, 50).seeds == (50,)
 
 
+def test_evaluation_beyond_the_last_initial_state_is_refused_before_anything_is_trained(tmp_path):
+    path = write(tmp_path, "evaluate: {episodes: 100}\n")
+    assert load_runs(path, ["evaluate.first=999900"])
+    with pytest.raises(ConfigError, match=r"lower evaluate\.first or evaluate\.episodes"):
+        load_runs(path, ["evaluate.first=999901"])
+
+
 def test_seed_is_checked_against_every_task_that_a_model_mixes(tmp_path):
     tasks = "{one_leg: {}, lamp: {collect: {max_episodes: 400}}}"
     text = f"flow: study\nconditions: [multitask]\nseeds: [30]\ntasks: {tasks}\n"

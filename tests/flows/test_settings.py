@@ -35,6 +35,8 @@ def test_device_may_be_a_gpu(monkeypatch, device):
         ("JUICER_WORKERS", "many", r"JUICER_WORKERS: .*got 'many'"),
         ("JUICER_WORKERS", "0", r"JUICER_WORKERS: Input should be greater than or equal to 1"),
         ("JUICER_DEVICE", "gpu", r"JUICER_DEVICE: .*cpu\|cuda.*got 'gpu'"),
+        ("JUICER_DATA", "~nobody-here/data", r"JUICER_DATA: there is no user ~nobody-here"),
+        ("JUICER_STORE", "~nobody-here", r"JUICER_STORE: there is no user ~nobody-here"),
         ("JUICER_DEVICE", "cuda:first", r"JUICER_DEVICE: .*got 'cuda:first'"),
     ],
 )
