@@ -107,7 +107,7 @@ class EndEffectorController:
             self._approach(position, rotation)
 
     def _reach(self, position: Array, rotation: Array) -> bool:
-        """Move the arm model, by the measured error, to the pose; False if that would take a joint out of its range."""
+        """Move the arm model, by the measured error, to the pose; False if it does not get there within its range."""
         model, data, joints = self._model, self._data, self._joints
         jacobian, error = self._jacobian, self._error
         solution = np.empty(6)
