@@ -20,6 +20,8 @@ PLUMBING = (
     "juicer.config",
     "juicer.errors",
     "juicer.progress",
+    "juicer.reading",
+    "juicer.text",
     "stages.session",
     "stages.stage",
     "stages.tracking",
