@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import signal
 import sys
 from pathlib import Path
@@ -9,6 +10,8 @@ from typing import Annotated
 
 import typer
 
+from flows.proxies import bypass_proxies_on_loopback
+from flows.streams import tolerate_refusals
 from juicer.errors import JuicerError
 from juicer.sim.display import draw_without_display
 
@@ -192,12 +195,20 @@ def main() -> None:
     # A shell that starts a command in the background has it ignore the interrupt; a service manager sends the other.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
-    sys.exit(call(sys.argv[1:]))
+    output = tolerate_refusals()
+    status = call(sys.argv[1:])
+    sys.stdout.flush()
+    # A reader that has seen enough, as `head` has, is no failure.
+    if output.refusal is not None and output.refusal.errno != errno.EPIPE:
+        typer.echo(f"juicer: standard output takes no more ({output.refusal.strerror}); the command is done", err=True)
+        status = status or 1
+    sys.exit(status)
 
 
 def call(arguments: list[str]) -> int:
     """Run a command; gives its exit status."""
     draw_without_display()
+    bypass_proxies_on_loopback()
     command = typer.main.get_command(app)
     try:
         status = command.main(arguments, prog_name="juicer", standalone_mode=False)

@@ -86,6 +86,10 @@ class ServiceUnavailable(JuicerError):
     """A server cannot be started or does not answer."""
 
 
+class ForeignCode(JuicerError):
+    """A process would run other code than the one that the identity of its artifact covers."""
+
+
 class StageDied(JuicerError):
     """The process of a stage ended before its work was done."""
 

@@ -19,18 +19,22 @@ import time
 import traceback
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from multiprocessing.connection import Connection
+from multiprocessing.context import ForkServerContext
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
+from juicer.artifacts.code_version import home_of, module_versions
 from juicer.artifacts.draft import Draft
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from juicer.errors import StageDied
+from juicer.errors import ForeignCode, StageDied
 from juicer.progress import MetricSink, Progress
 from stages.names import STAGES
 from stages.session import StageContext, StageInterrupted
+from stages.temporary_folder import use_own_temporary_folder
 
 PRELOADED = (
     "torch",
@@ -42,6 +46,8 @@ PRELOADED = (
     "juicer.reporting.page",
     "stages.report_films",
     *(f"stages.{name}" for name in STAGES),
+    # Last: it notes what all of the above was when it was imported.
+    "stages.loaded_code",
 )
 """Imported once, by the process from which all stage processes are forked: it saves their time, and code that is
 edited during a run does not become part of it."""
@@ -55,10 +61,14 @@ _LOGGERS = ("juicer", "stages")
 
 @dataclass(frozen=True)
 class Work:
-    """A stage body with its arguments, fit to be sent to another process."""
+    """A stage body with its arguments, fit to be sent to another process.
+
+    ``modules`` are the versions of the modules behind it that the artifact's recipe names.
+    """
 
     module: str
     name: str
+    modules: Mapping[str, str]
     arguments: Mapping[str, Any]
     store: ArtifactStore
     ref: ArtifactRef
@@ -70,11 +80,13 @@ class Work:
 
 
 def warm_up() -> None:
-    """Begin to import what the stages need, in the background, before the first of them runs."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(list(PRELOADED))
+    """Begin to import what the stages need, in the background, before the first of them runs.
+
+    Raises:
+        ServiceUnavailable: If there is no place for temporary files.
+    """
     # The process that everything is forked from starts with the first one that is asked for.
-    context.Process(target=_nothing, daemon=True).start()
+    _forking().Process(target=_nothing, daemon=True).start()
 
 
 def run_isolated(work: Work, progress: Progress, metrics: MetricSink, stop: threading.Event) -> dict[str, Any]:
@@ -85,7 +97,7 @@ def run_isolated(work: Work, progress: Progress, metrics: MetricSink, stop: thre
         StageDied: If the process ended without a word, as when the system runs out of memory.
         Exception: Whatever the body raised.
     """
-    context = multiprocessing.get_context("forkserver")
+    context = _forking()
     receiving, sending = context.Pipe(duplex=False)
     guarded, guard = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(work, sending, guarded), name=work.name, daemon=False)
@@ -106,6 +118,14 @@ def run_isolated(work: Work, progress: Progress, metrics: MetricSink, stop: thre
         _end(process)
         guard.close()
         receiving.close()
+
+
+@cache
+def _forking() -> ForkServerContext:
+    use_own_temporary_folder()
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(list(PRELOADED))
+    return context
 
 
 def _listen(
@@ -171,10 +191,27 @@ def _work(work: Work, sending: Connection, guarded: Connection) -> None:
 
 def _run_body(work: Work, voice: _Voice) -> dict[str, Any]:
     stage = getattr(importlib.import_module(work.module), work.name)
+    _check_code(work)
     draft = Draft(work.ref, work.path, work.scratch)
     context = StageContext(work.store, draft, voice.progress, voice, work.workers, work.num_envs, work.device)
     stage.body(context, **work.arguments)
     return draft.summary
+
+
+def _check_code(work: Work) -> None:
+    """Refuse to make an artifact with other code than the one its recipe names.
+
+    Raises:
+        ForeignCode: Naming what differs.
+    """
+    loaded = module_versions(work.module)
+    changed = sorted(name for name, _ in loaded.items() ^ work.modules.items())
+    if changed:
+        raise ForeignCode(
+            f"stage '{work.name}' would run other code than its artifact is to be known by ({changed[0]} in "
+            f"'{home_of(work.module)}' differs): it was edited while the run started, or another copy of juicer stands "
+            "before this one; run the command again, and see that PYTHONPATH names no other copy"
+        )
 
 
 def _portable(error: Exception) -> Exception:

@@ -204,6 +204,7 @@ class StageCall:
         work = Work(
             module=self.stage.body.__module__,
             name=self.stage.name,
+            modules=self.recipe.modules,
             arguments=self.arguments,
             store=session.store,
             ref=draft.ref,

@@ -16,7 +16,7 @@ def say(text: str) -> None:
 
 def say_json(content: Any) -> None:
     """Print JSON."""
-    typer.echo(json.dumps(content, indent=1, default=str))
+    say(json.dumps(content, indent=1, default=str))
 
 
 def say_table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str | None = None) -> None:

@@ -13,7 +13,8 @@ from juicer.artifacts.source_tree import SourceTree, digest
 from juicer.errors import ArtifactError
 
 FIRST_PARTY = ("juicer", "stages")
-"""Packages whose source counts; all else counts by its version, see :func:`library_versions`."""
+"""Packages whose source counts, beside the one that a stage itself is in; all else counts by its version, see
+:func:`library_versions`."""
 
 PLUMBING = (
     "juicer.artifacts",
@@ -22,8 +23,11 @@ PLUMBING = (
     "juicer.progress",
     "juicer.reading",
     "juicer.text",
+    "stages.isolation",
+    "stages.loaded_code",
     "stages.session",
     "stages.stage",
+    "stages.temporary_folder",
     "stages.tracking",
 )
 """Modules that carry results, or configuration that recipes hold anyway, without shaping them.
@@ -56,7 +60,8 @@ def module_versions(entry: ModuleType | str) -> dict[str, str]:
     Raises:
         ArtifactError: If the source, or a file that a module lists in ``ASSETS``, is not found.
     """
-    return _installed().versions(entry if isinstance(entry, str) else entry.__name__)
+    name = entry if isinstance(entry, str) else entry.__name__
+    return _source_tree(_package_of(name)).versions(name)
 
 
 def library_versions(names: Iterable[str]) -> dict[str, str]:
@@ -74,9 +79,20 @@ def library_versions(names: Iterable[str]) -> dict[str, str]:
     return versions
 
 
+def home_of(module: str) -> Path:
+    """Folder of the package that a module is in."""
+    package = _package_of(module)
+    return _source_tree(package).packages[package]
+
+
+def _package_of(module: str) -> str:
+    return module.partition(".")[0]
+
+
 @functools.cache
-def _installed() -> SourceTree:
-    specs = {name: importlib.util.find_spec(name) for name in FIRST_PARTY}
+def _source_tree(package: str) -> SourceTree:
+    """Source of a package and of ours."""
+    specs = {name: importlib.util.find_spec(name) for name in {*FIRST_PARTY, package}}
     folders = {
         name: Path(spec.submodule_search_locations[0])
         for name, spec in specs.items()

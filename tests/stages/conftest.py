@@ -10,7 +10,6 @@ from types import ModuleType
 
 import pytest
 
-from juicer.artifacts import code_version
 from juicer.artifacts.store import ArtifactStore
 from stages.session import Session
 
@@ -94,12 +93,7 @@ def toys(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ModuleType]:
     (folder / "toys" / "__init__.py").write_text('"""Toys."""\n')
     (folder / "toys" / "simple.py").write_text(TOYS)
     sys.path.insert(0, str(folder))
-    patch = pytest.MonkeyPatch()
-    patch.setattr(code_version, "FIRST_PARTY", (*code_version.FIRST_PARTY, "toys"))
-    code_version._installed.cache_clear()
     yield importlib.import_module("toys.simple")
-    patch.undo()
-    code_version._installed.cache_clear()
     sys.path.remove(str(folder))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from juicer.errors import StageDied
+from juicer.errors import ForeignCode, StageDied
 from stages.session import StageInterrupted
 
 
@@ -35,6 +35,14 @@ def test_error_that_cannot_be_pickled_still_tells_what_happened(toys, isolated):
 def test_process_that_is_killed_is_named(toys, isolated, store):
     with pytest.raises(StageDied, match=r"stage 'die' was ended by SIGKILL; the machine may have run out of memory"):
         toys.die(isolated, config=toys.ToyConfig())
+    assert store.refs() == []
+
+
+def test_other_code_than_the_recipe_names_makes_nothing(toys, isolated, store):
+    call = toys.write.prepare(config=toys.ToyConfig())
+    call.recipe.modules["toys.simple"] = "of another checkout"
+    with pytest.raises(ForeignCode, match=r"stage 'write' would run other code .*\(toys.simple in '.*toys' differs\)"):
+        call.execute(isolated)
     assert store.refs() == []
 
 
