@@ -29,6 +29,7 @@ from stages.stage import StageCall
 logger = logging.getLogger(__name__)
 
 REUSED = "Reused"
+REUSED_SUFFIX = " (reused)"
 UPDATE_SECONDS = 5.0
 TRANSIENT = (ConnectionError, TimeoutError)
 """What may pass by itself: a store or server that does not answer. Everything else fails the same way again."""
@@ -55,6 +56,9 @@ class PrefectPerformer:
             if session.stop.is_set():
                 raise StageInterrupted
             name = f"{call.stage.name} {session.label}".strip()
+            if call.is_reused(session):
+                # The graph shows names and, for both, the colour of what has completed.
+                name += REUSED_SUFFIX
             prefect_task = _task(call.stage.name, call.stage.description).with_options(task_run_name=name)
             future = prefect_task.submit(
                 call=quote(call), session=quote(session), return_state=False, wait_for=upstream

@@ -158,15 +158,18 @@ class StageCall:
         self.arguments = arguments
         self.recipe = recipe
 
+    def is_reused(self, session: Session) -> bool:
+        """Whether the artifact is in the store, and is not to be made again all the same."""
+        forced = self.stage.name in session.forced and self.recipe.id not in session.fresh
+        return not forced and session.store.find(self.recipe) is not None
+
     def execute(self, session: Session) -> Finished:
         """Make the artifact now, in this thread, unless it is in the store."""
         stage, label = self.stage.name, session.label
-        found = session.store.find(self.recipe)
-        replacing = found is not None and stage in session.forced and found.id not in session.fresh
-        if found is not None and not replacing:
-            return self._finish(session, Finished(found, reused=True))
+        if self.is_reused(session):
+            return self._finish(session, Finished(self.recipe.ref, reused=True))
         try:
-            adopted = self._make(session, replacing)
+            adopted = self._make(session, replacing=session.store.find(self.recipe) is not None)
         except BaseException as error:
             state = "stopped" if isinstance(error, StageInterrupted) else "failed"
             session.display.finished(stage, label, state, {"reason": str(error)})

@@ -64,10 +64,10 @@ def test_hit_is_shown_as_reused_and_inputs_as_edges(toys, tasks):
     (episodes, _), run_id = in_flow(body)
     runs = task_runs(run_id, 2)
     assert episodes == first
-    assert runs["write bc seed 0"].state.name == "Reused"
+    assert runs["write bc seed 0 (reused)"].state.name == "Reused"
     assert runs["count bc seed 0"].state.name == "Completed"
     (edge,) = runs["count bc seed 0"].task_inputs["wait_for"]
-    assert edge.id == runs["write bc seed 0"].id
+    assert edge.id == runs["write bc seed 0 (reused)"].id
 
 
 def test_error_of_a_body_passes_unchanged_and_is_not_retried(toys, tasks):
