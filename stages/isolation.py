@@ -34,7 +34,7 @@ from juicer.errors import ForeignCode, StageDied
 from juicer.progress import MetricSink, Progress
 from stages.names import STAGES
 from stages.session import StageContext, StageInterrupted
-from stages.temporary_folder import use_own_temporary_folder
+from stages.socket_folder import make_socket_folder
 
 PRELOADED = (
     "torch",
@@ -122,7 +122,7 @@ def run_isolated(work: Work, progress: Progress, metrics: MetricSink, stop: thre
 
 @cache
 def _forking() -> ForkServerContext:
-    use_own_temporary_folder()
+    make_socket_folder()
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(PRELOADED))
     return context

@@ -26,8 +26,8 @@ PLUMBING = (
     "stages.isolation",
     "stages.loaded_code",
     "stages.session",
+    "stages.socket_folder",
     "stages.stage",
-    "stages.temporary_folder",
     "stages.tracking",
 )
 """Modules that carry results, or configuration that recipes hold anyway, without shaping them.

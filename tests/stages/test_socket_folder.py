@@ -1,4 +1,4 @@
-"""Temporary files of a process go where sockets fit, and go away."""
+"""Sockets of a process go where their paths fit, and go away with it."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ from pathlib import Path
 import pytest
 
 from juicer.errors import ServiceUnavailable
-from stages import temporary_folder
-from stages.temporary_folder import use_own_temporary_folder
+from stages import socket_folder
+from stages.socket_folder import make_socket_folder
 
 PROGRAM = """
-import sys, tempfile
-from stages.temporary_folder import use_own_temporary_folder
-print(use_own_temporary_folder(), flush=True)
-assert tempfile.mkdtemp().startswith(str(tempfile.gettempdir()))
+import sys
+from multiprocessing.util import get_temp_dir
+from stages.socket_folder import make_socket_folder
+folder = make_socket_folder()
+assert get_temp_dir().startswith(f"{folder}/")
+print(folder, flush=True)
 sys.stdin.read()
 """
 
@@ -63,6 +65,6 @@ def test_a_path_too_long_for_sockets_gives_way_to_a_short_one(tmp_path: Path):
 
 def test_a_disk_without_a_place_for_it_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "nowhere"))
-    monkeypatch.setattr(temporary_folder, "LONGEST_BASE", 1000)
+    monkeypatch.setattr(socket_folder, "LONGEST_BASE", 1000)
     with pytest.raises(ServiceUnavailable, match=r"no temporary folder can be made in .*nowhere"):
-        use_own_temporary_folder()
+        make_socket_folder()

@@ -1,4 +1,4 @@
-"""A temporary folder for one process and all that it starts: short enough for sockets, gone when they are.
+"""Where multiprocessing keeps its sockets: in a folder whose path is short enough, and which goes with its process.
 
 Processes of stages are asked for through a socket, whose path may have 107 letters; a long ``TMPDIR`` leaves too few.
 What a killed process left behind is removed by the next one that starts.
@@ -11,7 +11,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from multiprocessing.util import Finalize
+from multiprocessing.util import Finalize, get_temp_dir
 from pathlib import Path
 
 from juicer.errors import ServiceUnavailable
@@ -26,8 +26,8 @@ _held: list[int] = []
 """Locks of this process; the kernel frees them when it ends, however it ends."""
 
 
-def use_own_temporary_folder() -> Path:
-    """Make a folder, have this process and those that it starts use it, and remove it at exit.
+def make_socket_folder() -> Path:
+    """Make the folder, to be called before multiprocessing makes its own; it is removed at exit.
 
     Raises:
         ServiceUnavailable: If there is no place for it.
@@ -42,8 +42,10 @@ def use_own_temporary_folder() -> Path:
             f"no temporary folder can be made in '{base}' ({error.strerror}); free some space there, or set TMPDIR to "
             f"another folder whose path has at most {LONGEST_BASE} letters"
         ) from None
-    os.environ["TMPDIR"] = str(folder)
-    tempfile.tempdir = str(folder)
+    # Asked for now, multiprocessing makes its folder within this one, and keeps to it.
+    usual, tempfile.tempdir = tempfile.tempdir, str(folder)
+    get_temp_dir()
+    tempfile.tempdir = usual
     # After multiprocessing has removed what it keeps there, which it does with priority -100.
     Finalize(None, shutil.rmtree, args=(folder,), kwargs={"ignore_errors": True}, exitpriority=-200)
     return folder
