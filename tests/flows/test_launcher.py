@@ -43,6 +43,9 @@ def hostile(tmp_path: Path) -> Path:
         (folder / name).mkdir()
         (folder / name / "__init__.py").write_text("raise RuntimeError('the folder of the user was imported')\n")
     (folder / "types.py").write_text("raise RuntimeError('the file of the user was imported')\n")
+    # Prefect reads settings from the working directory, too.
+    (folder / "prefect.toml").write_text("[results]\npersist_by_default = true\n[server.api]\nport = 1\n")
+    (folder / ".env").write_text(f"PREFECT_API_URL=http://{NOWHERE}/api\n")
     return folder
 
 
