@@ -10,83 +10,150 @@ from typing import Annotated
 
 import typer
 
+from flows.commands.options import CommandLine, choice, complete_configuration
+from flows.commands.output import say_error
+from flows.conditions import Condition
 from flows.proxies import bypass_proxies_on_loopback
+from flows.shipped import CONFIGS, names
 from flows.streams import tolerate_refusals
+from juicer import __version__
+from juicer.artifacts.ref import KINDS
 from juicer.errors import JuicerError
 from juicer.sim.display import draw_without_display
+from juicer.tasks.registry import TASK_NAMES
+from juicer.tasks.specification import Randomness
+from stages.names import STAGES
 
+FAILED = 1
 INTERRUPTED = 130
 
-app = typer.Typer(
+app = CommandLine(
     help="Robot assembly policies from a few dozen demonstrations: augment, imitate, collect, retrain, evaluate.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-ConfigFile = Annotated[Path, typer.Option("--config", "-c", help="Configuration file of the run.")]
+_CONFIGURATION = f"File of a configuration, or the name of one that comes along: {', '.join(names(CONFIGS))}."
+Configuration = Annotated[
+    str, typer.Argument(metavar="CONFIG", help=_CONFIGURATION, autocompletion=complete_configuration)
+]
+ConfigFile = Annotated[
+    str,
+    typer.Option("--config", "-c", metavar="CONFIG", help=_CONFIGURATION, autocompletion=complete_configuration),
+]
 Overrides = Annotated[
-    list[str] | None, typer.Option("--set", "-s", metavar="KEY=VALUE", help="Change a value of the configuration.")
+    list[str] | None,
+    typer.Option(
+        "--set",
+        "-s",
+        metavar="KEY=VALUE",
+        help="Change a value of the configuration, e.g. --set evaluate.episodes=200 or --set 'seeds=[0, 1]'; "
+        "see `juicer config`. Repeatable.",
+    ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
-OneCondition = Annotated[str | None, typer.Option("--condition", help="Only this condition of a study.")]
-OneSeed = Annotated[int | None, typer.Option("--seed", help="Only this seed of a study.")]
-OneTask = Annotated[str | None, typer.Option("--task", help="Only this of the configuration's tasks.")]
+Conditions = Annotated[
+    list[str] | None,
+    typer.Option("--condition", help="Only this condition of a study. Repeatable.", **choice(Condition)),
+]
+Seeds = Annotated[list[int] | None, typer.Option("--seed", min=0, help="Only this seed of a study. Repeatable.")]
+Tasks = Annotated[
+    list[str] | None,
+    typer.Option("--task", help="Only this of the configuration's tasks. Repeatable.", **choice(TASK_NAMES)),
+]
+StageName = Annotated[str, typer.Argument(help=f"Stage: {', '.join(STAGES)}.", **choice(STAGES, "NAME"))]
 ArtifactId = Annotated[str, typer.Argument(metavar="ID", help="Id of an artifact, or its first letters.")]
+
+
+def _say_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"juicer {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _whole(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    pass
 
 
 @app.command()
 def run(
-    config: Annotated[Path, typer.Argument(metavar="CONFIG", help="Configuration file.")],
+    config: Configuration,
     overrides: Overrides = None,
-    task: OneTask = None,
-    condition: OneCondition = None,
-    seed: OneSeed = None,
+    task: Tasks = None,
+    condition: Conditions = None,
+    seed: Seeds = None,
     as_json: AsJson = False,
 ) -> None:
     """Run the whole loop: one model, or a study of several conditions and seeds."""
-    from flows.commands.running import Part, run_flow
+    from flows.commands.choosing import Choice
+    from flows.commands.running import run_flow
 
-    run_flow(config, overrides or [], Part(task, condition, seed), as_json)
+    run_flow(Choice.of(config, overrides, task, condition, seed), as_json)
+
+
+@app.command("config")
+def show_config(
+    config: Configuration,
+    overrides: Overrides = None,
+    task: Tasks = None,
+    condition: Conditions = None,
+    seed: Seeds = None,
+    as_json: AsJson = False,
+) -> None:
+    """Print a configuration in full, and where each of its values comes from; the output is a configuration itself."""
+    from flows.commands.choosing import Choice
+    from flows.commands.configuring import print_configuration
+
+    print_configuration(Choice.of(config, overrides, task, condition, seed), as_json)
 
 
 @app.command()
 def stage(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Stage, e.g. train.")],
+    name: StageName,
     config: ConfigFile,
     overrides: Overrides = None,
-    task: OneTask = None,
-    condition: OneCondition = None,
-    seed: OneSeed = None,
+    task: Tasks = None,
+    condition: Conditions = None,
+    seed: Seeds = None,
     force: Annotated[bool, typer.Option("--force", help="Recompute even if the artifact is in the store.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Run one stage of a configuration from inputs that are in the store."""
-    from flows.commands.running import Part, run_stage
+    from flows.commands.choosing import Choice
+    from flows.commands.running import run_stage
 
-    run_stage(name, config, overrides or [], Part(task, condition, seed), force, as_json)
+    run_stage(name, Choice.of(config, overrides, task, condition, seed), force, as_json)
 
 
 @app.command()
 def explain(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Stage, e.g. train.")],
+    name: StageName,
     config: ConfigFile,
     overrides: Overrides = None,
-    task: OneTask = None,
-    condition: OneCondition = None,
-    seed: OneSeed = None,
+    task: Tasks = None,
+    condition: Conditions = None,
+    seed: Seeds = None,
     as_json: AsJson = False,
 ) -> None:
     """Say why a stage would be reused or computed."""
-    from flows.commands.running import Part, explain_stage
+    from flows.commands.choosing import Choice
+    from flows.commands.running import explain_stage
 
-    explain_stage(name, config, overrides or [], Part(task, condition, seed), as_json)
+    explain_stage(name, Choice.of(config, overrides, task, condition, seed), as_json)
 
 
 @app.command("ls")
 def list_artifacts(
-    kind: Annotated[str | None, typer.Argument(metavar="[KIND]", help="Kind of artifact; all if left out.")] = None,
+    kind: Annotated[
+        str | None,
+        typer.Argument(help=f"Kind of artifact: {', '.join(KINDS)}; all if left out.", **choice(KINDS, "[KIND]")),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """List the artifacts in the store."""
@@ -143,8 +210,13 @@ def evaluate(
     seed_start: Annotated[
         int, typer.Option("--seed-start", min=0, help="Position of the first initial state among those for evaluation.")
     ] = 0,
-    randomness: Annotated[str, typer.Option("--randomness", help="Level of the initial states.")] = "low",
-    task: Annotated[str | None, typer.Option("--task", help="Task, if the checkpoint was trained for several.")] = None,
+    randomness: Annotated[
+        str, typer.Option("--randomness", help="Level of the initial states.", **choice(Randomness))
+    ] = Randomness.LOW.value,
+    task: Annotated[
+        str | None,
+        typer.Option("--task", help="Task, if the checkpoint was trained for several.", **choice(TASK_NAMES)),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure the success rate of a checkpoint."""
@@ -160,7 +232,9 @@ def replay(
     ],
     video: Annotated[Path, typer.Option("--video", help="Film to write; a strip of pictures goes beside it as PNG.")],
     episode: Annotated[int, typer.Option("--episode", "-k", help="Which episode, counted from 0.")] = 0,
-    camera: Annotated[str, typer.Option("--camera", help="front or wrist.")] = "front",
+    camera: Annotated[
+        str, typer.Option("--camera", help="Where it is seen from.", **choice(("front", "wrist")))
+    ] = "front",
     speed: Annotated[int, typer.Option("--speed", min=1, help="Times faster than real time.")] = 2,
     as_json: AsJson = False,
 ) -> None:
@@ -200,7 +274,7 @@ def main() -> None:
     sys.stdout.flush()
     # A reader that has seen enough, as `head` has, is no failure.
     if output.refusal is not None and output.refusal.errno != errno.EPIPE:
-        typer.echo(f"juicer: standard output takes no more ({output.refusal.strerror}); the command is done", err=True)
+        say_error(f"standard output takes no more ({output.refusal.strerror}); the command is done", "Output", False)
         status = status or 1
     sys.exit(status)
 
@@ -210,17 +284,18 @@ def call(arguments: list[str]) -> int:
     draw_without_display()
     bypass_proxies_on_loopback()
     command = typer.main.get_command(app)
+    as_json = "--json" in arguments
     try:
         status = command.main(arguments, prog_name="juicer", standalone_mode=False)
     except typer.TyperException as error:
-        typer.echo(f"juicer: {error.format_message()}", err=True)
+        say_error(error.format_message(), "UsageError", as_json)
         return error.exit_code
     except JuicerError as error:
-        typer.echo(f"juicer: {error}", err=True)
-        return 1
+        say_error(str(error), type(error).__name__, as_json)
+        return FAILED
     # Typer turns Ctrl-C into this status.
     if status == INTERRUPTED:
-        typer.echo("juicer: interrupted; nothing is half-written, the same command continues the work", err=True)
+        say_error("interrupted; nothing is half-written, the same command continues the work", "Interrupted", as_json)
     return status if isinstance(status, int) else 0
 
 

@@ -3,156 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from flows.conditions import METHODS, Condition
-from juicer.config import StrictConfig, override, parse_config, read_mapping
-from juicer.critical_states import AnnotationConfig
+from flows.loop_config import LoopConfig
+from flows.written import TASKS_KEY, Written, read_written, take_written
+from juicer.config import parse_config
 from juicer.errors import ConfigError, did_you_mean
-from juicer.ingestion import IngestionConfig
-from juicer.policy.config import HorizonConfig, MLPConfig, PolicyConfig
 from juicer.seed_ranges import SEED_RANGES, Purpose
-from juicer.tasks.specification import Randomness
-from juicer.training.config import OriginalStateNoise, PhysicalStateNoise, TrainingConfig, WindowConfig
-from stages.augment import AugmentConfig
-from stages.collect import CollectConfig
-from stages.evaluate import EvaluateConfig
-from stages.record import RecordConfig
-from stages.select import SelectConfig
-from stages.train import TrainConfig
+from juicer.tasks.registry import TASK_NAMES
+from juicer.text import printable
 
-BASE_KEY, TASKS_KEY = "base", "tasks"
-MOST_ROUNDS = 100
-_SCENE = {
-    "task": ("record", "ingest", "collect", "evaluate"),
-    "randomness": ("record", "collect", "evaluate"),
-}
-"""Sections that take over a value of the top level unless they set their own."""
+MOST_SEEDS = 1000
+FLOW_KEY = "flow"
+DEFAULT_FLOW = "collect_infer"
 
-
-class ChunkedConfig(TrainConfig):
-    """Training of the regression baseline that predicts chunks."""
-
-    policy: PolicyConfig = PolicyConfig(head=MLPConfig())
-
-
-class UnchunkedConfig(TrainConfig):
-    """Training of the regression baseline that predicts one action at a time."""
-
-    policy: PolicyConfig = PolicyConfig(head=MLPConfig(), horizons=HorizonConfig(pred=1, action=1))
-    training: TrainingConfig = TrainingConfig(windows=WindowConfig(back_padding=0))
-
-
-class PoliciesConfig(StrictConfig):
-    """The policies of the paper's comparison, and how each is trained.
-
-    Attributes:
-        diffusion: The method's own policy.
-        mlp_chunked: The regression baseline that predicts chunks.
-        mlp_unchunked: The regression baseline that predicts one action at a time.
-        multitask: The policy for several tasks; a file about several trains it like ``diffusion`` if it is left out.
-    """
-
-    diffusion: TrainConfig = TrainConfig()
-    mlp_chunked: ChunkedConfig = ChunkedConfig()
-    mlp_unchunked: UnchunkedConfig = UnchunkedConfig()
-    multitask: TrainConfig | None = None
-
-    @model_validator(mode="after")
-    def _are_what_they_are_called(self) -> Self:
-        kinds = {"diffusion": "diffusion", "mlp_chunked": "mlp", "mlp_unchunked": "mlp", "multitask": "diffusion"}
-        for name, kind in kinds.items():
-            config: TrainConfig | None = getattr(self, name)
-            if config is not None and (found := config.policy.head.kind) != kind:
-                raise ValueError(f"{name}.policy.head must be of kind '{kind}', got '{found}'")
-        if self.mlp_unchunked.policy.horizons.pred != 1:
-            raise ValueError("mlp_unchunked.policy.horizons.pred must be 1; that is what unchunked means")
-        return self
-
-
-class LoopConfig(StrictConfig):
-    """The whole loop, from demonstrations to an evaluated policy.
-
-    Attributes:
-        name: Name of the experiment.
-        task: Assembly task; sections may set their own.
-        randomness: Level of the initial states; sections may set their own.
-        logs: Folder with operator logs of a human; if empty, the scripted operator records them.
-        labels: File with critical states labelled by a human.
-        record: What the scripted operator records.
-        ingest: Which logs become demonstrations.
-        annotate: How critical states are proposed.
-        augment: Corrective episodes of the first training.
-        augment_retraining: The same for retraining, if it differs (the paper's one_leg: 50, and then 150).
-        train: The policies.
-        state_noise: What the condition of that name adds to observed states.
-        rounds: Turns of collect, select, train in the conditions that collect.
-        collect: Rollouts of a turn.
-        select: Which of them are kept.
-        evaluate: The final measurement.
-        mix: By task, the loops whose data a model for several tasks is trained on.
-    """
-
-    name: str = Field(default="juicer", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
-    task: str = "one_leg"
-    randomness: Randomness = Randomness.LOW
-    logs: Path | None = None
-    labels: Path | None = None
-    record: RecordConfig = RecordConfig()
-    ingest: IngestionConfig = IngestionConfig()
-    annotate: AnnotationConfig = AnnotationConfig()
-    augment: AugmentConfig = AugmentConfig()
-    augment_retraining: AugmentConfig | None = None
-    train: PoliciesConfig = PoliciesConfig()
-    state_noise: Annotated[PhysicalStateNoise | OriginalStateNoise, Field(discriminator="kind")] = PhysicalStateNoise()
-    rounds: int = Field(default=1, gt=0, le=MOST_ROUNDS)
-    collect: CollectConfig = CollectConfig()
-    select: SelectConfig = SelectConfig()
-    evaluate: EvaluateConfig = EvaluateConfig()
-    mix: dict[str, LoopConfig] = Field(default={})
-
-    @model_validator(mode="before")
-    @classmethod
-    def _share_scene(cls, content: Any) -> Any:
-        if not isinstance(content, dict):
-            return content
-        shared = dict(content)
-        for key, sections in _SCENE.items():
-            if isinstance(value := content.get(key), str):
-                for section in sections:
-                    _set_default(shared, [*section.split("."), key], value)
-        return shared
-
-    def training(self, condition: Condition, seed: int) -> TrainConfig:
-        """How a condition trains the model of a seed."""
-        method = METHODS[condition]
-        config: TrainConfig = getattr(self.train, method.policy)
-        training = config.training
-        if method.adds_noise:
-            training = training.model_copy(update={"state_noise": self.state_noise})
-        return config.model_copy(update={"training": training, "seed": config.seed + seed})
-
-    def final_training(self, condition: Condition, seed: int) -> TrainConfig:
-        """The same for the model that is evaluated, which may be one for several tasks."""
-        config = self.train.multitask
-        if config is None or not METHODS[condition].mixes:
-            return self.training(condition, seed)
-        return config.model_copy(update={"seed": config.seed + seed})
-
-    def collection(self, seed: int, round_index: int) -> CollectConfig:
-        """Rollouts of a turn; every model and turn starts from initial states of its own."""
-        turn = seed * MOST_ROUNDS + round_index - 1
-        return self.collect.model_copy(update={"first": self.collect.first + turn * self.collect.max_episodes})
-
-    @property
-    def largest_seed(self) -> int:
-        """The last seed whose models find initial states to collect from; below 0 if there is none."""
-        turns = (len(SEED_RANGES[Purpose.COLLECTION]) - self.collect.first) // self.collect.max_episodes
-        return (turns - self.rounds) // MOST_ROUNDS
+RunSeed = Annotated[int, Field(ge=0, le=1_000_000)]
+"""Number of a model among those that are trained alike."""
 
 
 class CollectInferConfig(LoopConfig):
@@ -160,16 +31,22 @@ class CollectInferConfig(LoopConfig):
 
     flow: Literal["collect_infer"] = "collect_infer"
     condition: Condition = Condition.TA_CI
-    seed: int = Field(default=0, ge=0)
+    seed: RunSeed = 0
 
-    def narrowed(self, condition: Condition | None, seed: int | None) -> CollectInferConfig:
-        """The same for another condition or seed.
+    def narrowed(self, conditions: Sequence[Condition], seeds: Sequence[int]) -> CollectInferConfig:
+        """The same for another condition or seed; as it is where none is given.
 
         Raises:
-            ConfigError: If they do not go with the rest.
+            ConfigError: If they do not go with the rest, or are several.
         """
-        asked = {"condition": condition, "seed": seed}
-        update = {key: value for key, value in asked.items() if value is not None}
+        update: dict[str, Any] = {}
+        for key, values in {"condition": conditions, "seed": seeds}.items():
+            if len(values) > 1:
+                raise ConfigError(
+                    f"this configuration is of one model: give one {key}, or make it a study (flow: study)"
+                )
+            if values:
+                update[key] = values[0]
         return parse_config({**dict(self), **update}, CollectInferConfig, origin="the chosen part")
 
     @model_validator(mode="after")
@@ -198,23 +75,30 @@ class StudyConfig(LoopConfig):
 
     flow: Literal["study"] = "study"
     conditions: tuple[Condition, ...] = Field(
-        default=tuple(condition for condition in Condition if not METHODS[condition].mixes), min_length=1
+        default=tuple(condition for condition in Condition if not METHODS[condition].mixes),
+        min_length=1,
+        max_length=len(Condition),
     )
-    seeds: tuple[Annotated[int, Field(ge=0)], ...] = Field(default=(0, 1, 2, 3, 4), min_length=1)
+    seeds: tuple[RunSeed, ...] = Field(default=(0, 1, 2, 3, 4), min_length=1, max_length=MOST_SEEDS)
 
-    def narrowed(self, condition: Condition | None, seed: int | None) -> StudyConfig:
-        """The same with one condition or seed only.
+    def narrowed(self, conditions: Sequence[Condition], seeds: Sequence[int]) -> StudyConfig:
+        """The same with some conditions or seeds only, in the study's order; with all of them where none is given.
 
         Raises:
             ConfigError: If the study has no such condition or seed.
         """
-        if condition is not None and condition not in self.conditions:
-            raise ConfigError(f"the study has no condition '{condition}'{did_you_mean(condition, self.conditions)}")
-        if seed is not None and seed not in self.seeds:
-            raise ConfigError(f"the study has no seed {seed}; its seeds are {', '.join(map(str, self.seeds))}")
-        conditions = self.conditions if condition is None else (condition,)
-        seeds = self.seeds if seed is None else (seed,)
-        return self.model_copy(update={"conditions": conditions, "seeds": seeds})
+        for condition in conditions:
+            if condition not in self.conditions:
+                raise ConfigError(f"the study has no condition '{condition}'{did_you_mean(condition, self.conditions)}")
+        for seed in seeds:
+            if seed not in self.seeds:
+                raise ConfigError(f"the study has no seed {seed}; its seeds are {', '.join(map(str, self.seeds))}")
+        return self.model_copy(
+            update={
+                "conditions": tuple(each for each in self.conditions if not conditions or each in conditions),
+                "seeds": tuple(each for each in self.seeds if not seeds or each in seeds),
+            }
+        )
 
     @model_validator(mode="after")
     def _is_possible(self) -> Self:
@@ -269,88 +153,116 @@ def _check_run(config: RunConfig) -> None:
         )
     if config.evaluate.first + config.evaluate.episodes > len(SEED_RANGES[Purpose.EVALUATION]):
         raise ValueError("initial states to evaluate on run out; lower evaluate.first or evaluate.episodes")
+    if config.logs is None and config.record.first + config.record.max_recordings > len(
+        SEED_RANGES[Purpose.DEMONSTRATIONS]
+    ):
+        raise ValueError("initial states to record from run out; lower record.first or record.max_recordings")
 
 
-def load_runs(path: Path, overrides: Sequence[str] = ()) -> tuple[RunConfig, ...]:
+def load_runs(source: Path | str, overrides: Sequence[str] = ()) -> tuple[RunConfig, ...]:
     """Read the configuration of a run, or of a run for each of several tasks.
 
-    A file may name another as its ``base``, by a path relative to its own; what it says itself goes first.
-    ``tasks`` is a list of tasks, or a mapping from tasks to what differs for each.
+    Args:
+        source: A file, or the name of a configuration that comes with juicer.
+        overrides: Values that go first, as ``dotted.key=value``.
 
     Raises:
         ConfigError: If a file is missing, or a key or value is not valid.
     """
-    content = read_mapping(path)
-    if (base := content.pop(BASE_KEY, None)) is not None:
-        below = read_mapping(path.parent / str(base))
-        if BASE_KEY in below:
-            raise ConfigError(f"config file '{path.parent / str(base)}' is a base itself and must not have one")
-        content = _merge(below, content)
-    content = override(content, overrides)
-    flow = str(content.get("flow", "collect_infer"))
-    if flow not in _FLOWS:
-        raise ConfigError(f"{path}: unknown flow '{flow}'{did_you_mean(flow, _FLOWS)}")
-    return tuple(parse_config(each, _FLOWS[flow], origin=str(path)) for each in _each_task(content, str(path)))
+    return runs_of(read_written(source).assigning(overrides), str(source))
 
 
-def _each_task(content: dict[str, Any], origin: str) -> list[dict[str, Any]]:
+def parse_runs(content: Mapping[str, Any], origin: str, overrides: Sequence[str] = ()) -> tuple[RunConfig, ...]:
+    """The same for a configuration that stands in no file, such as one pasted into a form.
+
+    Args:
+        content: What a file would hold; paths in it must be absolute, a base may be the name of a preset.
+        origin: What to call it in errors.
+        overrides: Values that go first, as ``dotted.key=value``.
+
+    Raises:
+        ConfigError: If a key or value is not valid.
+    """
+    return runs_of(take_written(content, origin).assigning(overrides), origin)
+
+
+def runs_of(written: Written, origin: str) -> tuple[RunConfig, ...]:
+    """The runs that a configuration describes.
+
+    ``tasks`` is a list of tasks, or a mapping from tasks to what differs for each.
+
+    Raises:
+        ConfigError: If a key or value is not valid.
+    """
+    flow = written.values.get(FLOW_KEY, DEFAULT_FLOW)
+    if not isinstance(flow, str) or flow not in _FLOWS:
+        raise ConfigError(
+            f"{written.place((FLOW_KEY,)) or origin}: unknown flow '{printable(flow)}'{did_you_mean(str(flow), _FLOWS)}"
+        )
+    if "mix" in written.values:
+        raise ConfigError(
+            f"{written.place(('mix',)) or origin}: unknown key 'mix'; several tasks are listed under tasks"
+        )
+    return tuple(parse_config(each.values, _FLOWS[flow], origin, each.place) for each in _each_task(written, origin))
+
+
+def _each_task(written: Written, origin: str) -> list[Written]:
     """One configuration for each task; one with the condition ``multitask`` is told of all."""
-    tasks = content.pop(TASKS_KEY, None)
-    if tasks is None:
-        return [content]
-    own = _tasks(tasks)
-    if not own or "task" in content:
-        raise ConfigError(f"{origin}: 'tasks' must list tasks, or map them to what differs for each, without 'task'")
-    name, mixes = content.get("name", "juicer"), _names_mix(content)
+    if written.values.get(TASKS_KEY) is None:
+        return [written.without(TASKS_KEY)]
+    names = task_names(written, origin)
+    common = written.without(TASKS_KEY)
+    is_mapping = isinstance(written.values[TASKS_KEY], Mapping)
+    own = {task: written.below(TASKS_KEY, task) if is_mapping else Written({}) for task in names}
+    mixes = names_mix(written)
     if mixes:
         # Settled before the tasks have their say: it is one model, whichever of them asks for it.
-        policies = content.get("train", {})
-        if isinstance(policies, dict):
+        policies = common.values.get("train", {})
+        if isinstance(policies, Mapping):
             one = policies.get("multitask") or policies.get("diffusion", {})
-            content = content | {"train": policies | {"multitask": one}}
-    each = [_merge(content, {"name": f"{name}_{task}", **of_task, "task": task}) for task, of_task in own.items()]
+            common = Written({**common.values, "train": {**policies, "multitask": one}}, common.places)
+    name = common.values.get("name", LoopConfig.model_fields["name"].default)
+    each = []
+    for task, differing in own.items():
+        given = {"name": f"{name}_{task}"} if isinstance(name, str) else {}
+        each.append(Written({**given, **differing.values, "task": task}, differing.places).over(common))
     if mixes:
+        fields = LoopConfig.model_fields
         loops = {
-            entry["task"]: {key: value for key, value in entry.items() if key in LoopConfig.model_fields}
-            for entry in each
+            loop.values["task"]: {key: value for key, value in loop.values.items() if key in fields} for loop in each
         }
-        each = [{**entry, "mix": loops} for entry in each]
+        each = [Written({**loop.values, "mix": loops}, loop.places) for loop in each]
     return each
 
 
-def _tasks(content: Any) -> dict[str, dict[str, Any]]:
-    """What differs for each of the tasks; empty if the content says something else."""
-    pairs: list[tuple[Any, Any]] = []
-    if isinstance(content, list):
-        pairs = [(task, {}) for task in content]
-    elif isinstance(content, dict):
-        pairs = [(task, {} if own is None else own) for task, own in content.items()]
-    is_clear = all(isinstance(task, str) and isinstance(own, dict) for task, own in pairs)
-    return dict(pairs) if is_clear else {}
+def task_names(written: Written, origin: str) -> list[str]:
+    """Names under ``tasks``.
+
+    Raises:
+        ConfigError: If they are no tasks, one is there twice, or the task is said elsewhere too.
+    """
+    tasks = written.values.get(TASKS_KEY)
+    place = written.place((TASKS_KEY,)) or origin
+    names = list(tasks) if isinstance(tasks, list | Mapping) else []
+    sections = list(tasks.values()) if isinstance(tasks, Mapping) else []
+    are_clear = all(isinstance(name, str) for name in names) and all(
+        own is None or isinstance(own, Mapping) for own in sections
+    )
+    if not names or not are_clear or "task" in written.values:
+        raise ConfigError(f"{place}: 'tasks' must list tasks, or map them to what differs for each, without 'task'")
+    for name in names:
+        if name not in TASK_NAMES:
+            raise ConfigError(f"{place}: unknown task '{printable(name)}'{did_you_mean(name, TASK_NAMES)}")
+        if names.count(name) > 1:
+            raise ConfigError(f"{place}: tasks: each may be named only once, and {name} is there twice")
+        for key in ("task", TASKS_KEY, FLOW_KEY):
+            if key in written.below(TASKS_KEY, name).values:
+                raise ConfigError(f"{place}: tasks.{name} must not have a '{key}' of its own")
+    return names
 
 
-def _names_mix(content: Mapping[str, Any]) -> bool:
+def names_mix(written: Written) -> bool:
     """Whether a configuration asks for a model for several tasks."""
-    conditions = content.get("conditions")
-    named = [content.get("condition"), *(conditions if isinstance(conditions, list) else ())]
-    return Condition.MULTITASK in named
-
-
-def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    merged = dict(below)
-    for key, value in above.items():
-        nested = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
-        merged[key] = _merge(merged[key], value) if nested else value
-    return merged
-
-
-def _set_default(content: dict[str, Any], path: Sequence[str], value: str) -> None:
-    """Set a nested value unless it is there; sections on the way are copied, not changed."""
-    head, *rest = path
-    if not rest:
-        content.setdefault(head, value)
-        return
-    section = content.get(head, {})
-    if isinstance(section, dict):
-        content[head] = dict(section)
-        _set_default(content[head], rest, value)
+    conditions = written.values.get("conditions")
+    named: Iterable[Any] = conditions if isinstance(conditions, list) else ()
+    return Condition.MULTITASK in [written.values.get("condition"), *named]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from flows.conditions import METHODS, Condition
-from flows.config import LoopConfig
+from flows.loop_config import LoopConfig
 from juicer.artifacts.ref import ArtifactRef
 from juicer.errors import ConfigError, NothingLeft
 from juicer.teleoperation.log import SUFFIX
@@ -74,7 +74,7 @@ def run_model(session: Session, config: LoopConfig, condition: Condition, seed: 
         data = _gather(session, config, condition, seed)
         session, finding = data.session, data.finding
         checkpoint = _train(session, config.final_training(condition, seed), [data])
-    evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluate)
+    evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluation)
     return ModelOutcome(condition, seed, checkpoint, evaluation, finding)
 
 
@@ -85,7 +85,7 @@ def _run_mixed(session: Session, config: LoopConfig, condition: Condition, seed:
         for task, loop in config.mix.items()
     }
     checkpoint = _train(session, config.final_training(condition, seed), gathered.values())
-    evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluate)
+    evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluation)
     findings = (f"{task}: {data.finding}" for task, data in gathered.items() if data.finding)
     return ModelOutcome(condition, seed, checkpoint, evaluation, "; ".join(findings))
 
@@ -124,9 +124,9 @@ def _gather(session: Session, config: LoopConfig, condition: Condition, seed: in
 def get_demonstrations(session: Session, config: LoopConfig) -> ArtifactRef:
     """Demonstrations from a human's logs if there are any, else from the scripted operator."""
     if config.logs is not None:
-        return ingest(session, files=find_logs(config.logs), config=config.ingest)
-    logs = record(session, config=config.record)
-    return ingest(session, logs=logs, config=config.ingest)
+        return ingest(session, files=find_logs(config.logs), config=config.ingestion)
+    logs = record(session, config=config.recording)
+    return ingest(session, logs=logs, config=config.ingestion)
 
 
 def find_logs(folder: Path) -> tuple[Path, ...]:

@@ -13,8 +13,11 @@ from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from juicer.errors import ConfigError, did_you_mean
+from juicer.problems import first_problem
+from juicer.text import printable
 
 PREFIX = "JUICER_"
+LONGEST_PLACE = 4096
 
 
 class Settings(BaseSettings):
@@ -36,11 +39,18 @@ class Settings(BaseSettings):
     data: Path = Path("data")
     store: str = ""
     tracking_uri: str = ""
-    workers: int = Field(default=2, ge=1)
+    workers: int = Field(default=2, ge=1, le=1024)
     spread: bool = False
-    num_envs: int = Field(default=16, ge=1)
-    device: str = Field(default="cpu", pattern="^(cpu|cuda(:[0-9]+)?)$")
-    startup_seconds: int = Field(default=120, ge=1)
+    num_envs: int = Field(default=16, ge=1, le=4096)
+    device: str = Field(default="cpu", pattern="^(cpu|cuda(:[0-9]{1,3})?)$")
+    startup_seconds: int = Field(default=120, ge=1, le=86_400)
+
+    @field_validator("data", "store", "tracking_uri")
+    @classmethod
+    def _is_plain_text(cls, value: Path | str) -> Path | str:
+        if len(str(value)) > LONGEST_PLACE or printable(value, LONGEST_PLACE) != str(value):
+            raise ValueError(f"must be at most {LONGEST_PLACE} letters and without control characters")
+        return value
 
     @field_validator("data", "store")
     @classmethod
@@ -76,11 +86,10 @@ def read_settings() -> Settings:
     known = {PREFIX + name.upper() for name in Settings.model_fields}
     for name in os.environ:
         if name.startswith(PREFIX) and name not in known:
-            raise ConfigError(f"environment variable {name} is not known{did_you_mean(name, known)}")
+            raise ConfigError(f"environment variable {printable(name)} is not known{did_you_mean(name, known)}")
     try:
         return Settings()
     except ValidationError as error:
-        problem = error.errors(include_url=False, include_context=False)[0]
-        name = PREFIX + ".".join(map(str, problem["loc"])).upper()
-        message = problem["msg"].removeprefix("Value error, ")
-        raise ConfigError(f"environment variable {name}: {message}, got {problem['input']!r}") from None
+        problem = first_problem(error, {})
+        name, _, message = problem.sentence.partition(": ")
+        raise ConfigError(f"environment variable {PREFIX}{name.upper()}: {message}") from None

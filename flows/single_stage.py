@@ -26,6 +26,7 @@ def single_stage(
     forced = frozenset({stage}) if force else frozenset()
     settings = read_settings()
     with opened(settings, None, PrefectPerformer(), send=sender(settings), forced=forced) as surroundings:
-        chosen = ready_calls(surroundings.session.store, config.narrowed(condition, seed), stage)
+        part = config.narrowed(() if condition is None else (condition,), () if seed is None else (seed,))
+        chosen = ready_calls(surroundings.session.store, part, stage)
         expect(surroundings, chosen)
         return [str(entry.perform(surroundings.session)) for entry in chosen]

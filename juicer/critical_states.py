@@ -37,10 +37,10 @@ class AnnotationConfig(StrictConfig):
     """How critical states are proposed."""
 
     neighbourhood_m: float = Field(
-        default=0.06, gt=0, description="distance from its assembled position within which a part arrives"
+        default=0.06, gt=0, le=10, description="distance from its assembled position within which a part arrives"
     )
-    clearance_m: float = Field(default=0.006, gt=0, description="parts that are closer are about to touch")
-    approach_m: float = Field(default=0.02, gt=0, description="distance of the hand from a grasp just before it")
+    clearance_m: float = Field(default=0.006, gt=0, le=10, description="parts that are closer are about to touch")
+    approach_m: float = Field(default=0.02, gt=0, le=10, description="distance of the hand from a grasp just before it")
 
 
 @dataclass(frozen=True)

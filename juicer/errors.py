@@ -101,5 +101,6 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
         ``"; did you mean 'x'?"``, or ``"; valid: a, b, c"`` when nothing is near.
     """
     known = sorted(known)
-    nearest = get_close_matches(word, known, n=1)
+    # Comparing words takes longer than they are long.
+    nearest = get_close_matches(word[:100], known, n=1)
     return f"; did you mean '{nearest[0]}'?" if nearest else f"; valid: {', '.join(known)}"

@@ -8,6 +8,7 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.augmentation.augment import augment as augment_demonstrations
 from juicer.augmentation.config import AugmentationConfig
 from juicer.augmentation.summary import AugmentationSummary
+from juicer.config import Seed
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.storage.tables import read_annotations
 from juicer.tasks.registry import get_task
@@ -17,7 +18,7 @@ from stages.stage import StageContext, stage
 class AugmentConfig(AugmentationConfig):
     """What to synthesise, and from which root of randomness."""
 
-    seed: int = Field(default=0, ge=0, description="root of the random draws")
+    seed: Seed = Field(default=0, description="root of the random draws")
 
 
 @stage(

@@ -12,15 +12,19 @@ from juicer.episode import Episode, Outcome
 from juicer.progress import Progress
 from juicer.seed_ranges import Purpose
 from juicer.storage.episodes import write_episodes
-from stages.rollouts import RolloutConfig, roll_out
+from stages.rollouts import RolloutConfig, RolloutSection, roll_out
 from stages.stage import StageContext, stage
 
 
-class CollectConfig(RolloutConfig):
-    """How many rollouts, and from where they start."""
+class CollectSection(RolloutSection):
+    """How many rollouts, and from where they start, whatever the task."""
 
-    successes: int = Field(default=50, gt=0, description="rollouts end with this many successes")
-    max_episodes: int = Field(default=200, gt=0, description="or after this many episodes")
+    successes: int = Field(default=50, gt=0, le=10_000_000, description="rollouts end with this many successes")
+    max_episodes: int = Field(default=200, gt=0, le=10_000_000, description="or after this many episodes")
+
+
+class CollectConfig(RolloutConfig, CollectSection):
+    """How many rollouts of a task, and from where they start."""
 
 
 @stage(kind="episodes", inputs={"checkpoint": "checkpoint"}, libraries=("mujoco", "numpy", "torch", "zarr"))

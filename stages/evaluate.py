@@ -14,17 +14,21 @@ from juicer.seed_ranges import Purpose
 from juicer.storage.episodes import write_episodes
 from juicer.storage.tables import EXAMPLES, EvaluationRow, write_evaluation
 from juicer.tasks.registry import get_task
-from stages.rollouts import RolloutConfig, roll_out
+from stages.rollouts import RolloutConfig, RolloutSection, roll_out
 from stages.stage import StageContext, stage
 
 EXAMPLES_KEPT = 3
 """Successes, and as many failures."""
 
 
-class EvaluateConfig(RolloutConfig):
-    """How many episodes, and from where they start."""
+class EvaluateSection(RolloutSection):
+    """How many episodes, and from where they start, whatever the task."""
 
-    episodes: int = Field(default=100, gt=0, description="evaluation episodes")
+    episodes: int = Field(default=100, gt=0, le=1_000_000, description="evaluation episodes")
+
+
+class EvaluateConfig(RolloutConfig, EvaluateSection):
+    """How many episodes of a task, and from where they start."""
 
 
 @stage(kind="evaluation", inputs={"checkpoint": "checkpoint"}, libraries=("mujoco", "numpy", "torch"))

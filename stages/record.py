@@ -4,27 +4,38 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from juicer.config import StrictConfig
+from juicer.config import Seed, StrictConfig
 from juicer.errors import NothingLeft
 from juicer.seed_ranges import Purpose, claim
 from juicer.tasks.specification import Randomness
+from juicer.tasks.task_name import TaskName
 from juicer.teleoperation.log import SUFFIX
 from juicer.teleoperation.operator import DEVICE
 from juicer.teleoperation.record import record_demonstrations
 from stages.stage import StageContext, stage
 
 
-class RecordConfig(StrictConfig):
+class RecordSection(StrictConfig):
+    """What the operator is asked for, whatever the task."""
+
+    randomness: Randomness | None = Field(
+        default=None, description="level of the initial states; that of the top level if empty"
+    )
+    demonstrations: int = Field(default=50, gt=0, le=1_000_000, description="successful recordings wanted")
+    max_recordings: int = Field(
+        default=200, gt=0, le=1_000_000, description="recordings after which the operator gives up"
+    )
+    first: int = Field(
+        default=0, ge=0, lt=1_000_000, description="position of the first initial state among those for demonstrations"
+    )
+    seed: Seed = Field(default=0, description="root of the operator's habits")
+
+
+class RecordConfig(RecordSection):
     """What the operator is asked for."""
 
-    task: str = Field(default="one_leg", description="assembly task")
-    randomness: Randomness = Field(default=Randomness.LOW, description="level of the initial states")
-    demonstrations: int = Field(default=50, gt=0, description="successful recordings wanted")
-    max_recordings: int = Field(default=200, gt=0, description="recordings after which the operator gives up")
-    first: int = Field(
-        default=0, ge=0, description="position of the first initial state among those for demonstrations"
-    )
-    seed: int = Field(default=0, ge=0, description="root of the operator's habits")
+    task: TaskName = Field(description="assembly task")
+    randomness: Randomness = Field(description="level of the initial states")
 
 
 @stage(kind="logs", libraries=("mujoco", "numpy"))

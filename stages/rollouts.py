@@ -7,23 +7,36 @@ from collections.abc import Iterator
 from pydantic import Field
 
 from juicer.artifacts.ref import ArtifactRef
-from juicer.config import StrictConfig
+from juicer.config import Seed, StrictConfig
 from juicer.episode import Episode
 from juicer.progress import Progress
 from juicer.rollout import rollout
 from juicer.seed_ranges import Purpose, claim
 from juicer.tasks.specification import Randomness
+from juicer.tasks.task_name import TaskName
 from stages.stage import StageContext
 
 
-class RolloutConfig(StrictConfig):
+class RolloutSection(StrictConfig):
+    """Where rollouts start and how long they may take, whatever the task."""
+
+    randomness: Randomness | None = Field(
+        default=None, description="level of the initial states; that of the top level if empty"
+    )
+    first: int = Field(
+        default=0, ge=0, lt=1_000_000, description="position of the first initial state among those for the purpose"
+    )
+    max_steps: int | None = Field(
+        default=None, gt=0, le=100_000, description="steps an episode; the task's own limit if empty"
+    )
+    seed: Seed = Field(default=0, description="root of the policy's noise")
+
+
+class RolloutConfig(RolloutSection):
     """Where rollouts start and how long they may take."""
 
-    task: str = Field(default="one_leg", description="assembly task")
-    randomness: Randomness = Field(default=Randomness.LOW, description="level of the initial states")
-    first: int = Field(default=0, ge=0, description="position of the first initial state among those for the purpose")
-    max_steps: int | None = Field(default=None, gt=0, description="steps an episode; the task's own limit if empty")
-    seed: int = Field(default=0, ge=0, description="root of the policy's noise")
+    task: TaskName = Field(description="assembly task")
+    randomness: Randomness = Field(description="level of the initial states")
 
 
 def roll_out(

@@ -23,9 +23,14 @@ class SelectConfig(StrictConfig):
     """
 
     longest: float | None = Field(
-        default=1.25, ge=1, description="in lengths of the median success: longer ones dawdle; no limit if empty"
+        default=1.25,
+        ge=1,
+        le=1000,
+        description="in lengths of the median success: longer ones dawdle; no limit if empty",
     )
-    max_episodes: int | None = Field(default=None, gt=0, description="at most this many, the first ones; all if empty")
+    max_episodes: int | None = Field(
+        default=None, gt=0, le=10_000_000, description="at most this many, the first ones; all if empty"
+    )
 
 
 @stage(kind="selection", inputs={"episodes": "episodes"})

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from juicer.artifacts.ref import ArtifactRef
-from juicer.config import StrictConfig
+from juicer.config import Seed, StrictConfig
 from juicer.episode import OBSERVATION_KEYS, Source
 from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
 from juicer.policy.tasks import Tasks, as_shown
@@ -27,7 +27,7 @@ class TrainConfig(StrictConfig):
 
     policy: PolicyConfig = PolicyConfig()
     training: TrainingConfig = TrainingConfig()
-    seed: int = Field(default=0, ge=0, description="root of initial weights, split, order and noise")
+    seed: Seed = Field(default=0, description="root of initial weights, split, order and noise")
 
 
 @stage(

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from juicer.config import parse_config
 from juicer.episode import Episode, Outcome, Source
 from juicer.errors import ConfigError, RejectedLog
 from juicer.ingestion import IngestionConfig, Rejection, ingest, ingest_log, steps_to_keep
 from juicer.sim.env import AssemblyEnv
 from juicer.teleoperation.log import OperatorLog, write_log
 
-CONFIG = IngestionConfig()
+CONFIG = IngestionConfig(task="one_leg")
 LENGTH = 80
 STATE_SIZE = len(AssemblyEnv("one_leg").get_state())
 
@@ -178,5 +179,5 @@ def test_a_log_of_another_scene_is_named_and_the_others_go_on(tmp_path: Path):
 
 
 def test_an_unknown_task_is_a_config_error():
-    with pytest.raises(ConfigError, match="one_leg"):
-        list(ingest([], IngestionConfig(task="one_lag")))
+    with pytest.raises(ConfigError, match="task: unknown task 'one_lag'; did you mean 'one_leg'"):
+        parse_config({"task": "one_lag"}, IngestionConfig, origin="test")

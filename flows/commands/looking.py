@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import typer
+
 from flows.commands.output import bytes_text, say, say_json, say_table
 from flows.facts import headline
 from flows.settings import read_settings
@@ -88,6 +90,8 @@ def verify_artifacts(text: str | None, as_json: bool) -> None:
     problems = {str(ref): list(found) for ref in refs if (found := store.verify(ref))}
     if as_json:
         say_json({"checked": len(refs), "damaged": problems})
+        if problems:  # which is the answer, not an error
+            raise typer.Exit(1)
     elif not problems:
         say(f"{len(refs)} artifact{'s are' if len(refs) != 1 else ' is'} as written")
     if problems:

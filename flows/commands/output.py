@@ -8,6 +8,10 @@ from typing import Any
 
 import typer
 
+from juicer.text import printable
+
+LONGEST_MESSAGE = 2000
+
 
 def say(text: str) -> None:
     """Print a line."""
@@ -17,6 +21,16 @@ def say(text: str) -> None:
 def say_json(content: Any) -> None:
     """Print JSON."""
     say(json.dumps(content, indent=1, default=str))
+
+
+def say_error(message: str, kind: str, as_json: bool) -> None:
+    """Print why a command failed: for people to standard error, for machines as JSON to standard output."""
+    # Whatever a message repeats of foreign files and arguments must not steer the terminal.
+    shown = printable(message, LONGEST_MESSAGE)
+    if as_json:
+        say_json({"error": shown, "kind": kind})
+    elif shown:  # without arguments, help was shown
+        typer.echo(f"juicer: {shown}", err=True)
 
 
 def say_table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str | None = None) -> None:

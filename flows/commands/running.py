@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
+from flows.commands.choosing import Choice
 from flows.commands.output import say, say_json, say_table
-from flows.conditions import Condition
 from flows.environment import API_VARIABLE, prepare_environment
 from flows.settings import Settings, read_settings
 from flows.store import open_store
 from flows.temporary_server import TemporaryServer
-from juicer.errors import ConfigError, ServiceUnavailable, did_you_mean
+from juicer.errors import ServiceUnavailable
 from stages.isolation import warm_up
 
 if TYPE_CHECKING:
@@ -26,22 +24,7 @@ if TYPE_CHECKING:
     from juicer.artifacts.store import ArtifactStore
 
 
-@dataclass(frozen=True)
-class Part:
-    """Which part of a configuration is meant; all of it where nothing is said.
-
-    Attributes:
-        task: One of its tasks.
-        condition: One of its conditions.
-        seed: One of its seeds.
-    """
-
-    task: str | None = None
-    condition: str | None = None
-    seed: int | None = None
-
-
-def run_flow(path: Path, overrides: Sequence[str], part: Part, as_json: bool) -> None:
+def run_flow(choice: Choice, as_json: bool) -> None:
     """``juicer run``."""
     settings = read_settings()
     has_server = prepare_environment(settings)
@@ -49,7 +32,7 @@ def run_flow(path: Path, overrides: Sequence[str], part: Part, as_json: bool) ->
         raise ServiceUnavailable(
             f"stages elsewhere need a Prefect server that all machines reach; set {API_VARIABLE} or unset JUICER_SPREAD"
         )
-    configs = _load(path, overrides, part)
+    configs = choice.runs()
     store = open_store(settings)
     outcomes = []
     for config in configs:
@@ -114,14 +97,7 @@ def server_loss_explained() -> Iterator[None]:
         ) from None
 
 
-def run_stage(
-    name: str,
-    path: Path,
-    overrides: Sequence[str],
-    part: Part,
-    force: bool,
-    as_json: bool,
-) -> None:
+def run_stage(name: str, choice: Choice, force: bool, as_json: bool) -> None:
     """``juicer stage``."""
     settings = read_settings()
     has_server = prepare_environment(settings)
@@ -129,7 +105,7 @@ def run_stage(
     from stages.catalog import find_stage
 
     find_stage(name)
-    configs = _load(path, overrides, part)
+    configs = choice.runs()
     # What is wrong is better said before a server starts.
     for config in configs:
         ready_calls(open_store(settings), config, name)
@@ -146,7 +122,7 @@ def run_stage(
             say(ref)
 
 
-def explain_stage(name: str, path: Path, overrides: Sequence[str], part: Part, as_json: bool) -> None:
+def explain_stage(name: str, choice: Choice, as_json: bool) -> None:
     """``juicer explain``."""
     settings = read_settings()
     from flows.plan import calls_of, plan
@@ -157,7 +133,7 @@ def explain_stage(name: str, path: Path, overrides: Sequence[str], part: Part, a
     store = open_store(settings)
     explained = [
         (entry, explain(store, entry.call.recipe))
-        for config in _load(path, overrides, part)
+        for config in choice.runs()
         for entry in calls_of(plan(store, config), name)
     ]
     if as_json:
@@ -180,25 +156,6 @@ def explain_stage(name: str, path: Path, overrides: Sequence[str], part: Part, a
         say(f"{name} ({entry.label}): {first}")
         for sentence in rest:
             say(f"  {sentence}")
-
-
-def _load(path: Path, overrides: Sequence[str], part: Part) -> list[RunConfig]:
-    from flows.config import load_runs
-
-    configs = load_runs(path, overrides)
-    tasks = [config.task for config in configs]
-    if part.task is not None and part.task not in tasks:
-        raise ConfigError(f"the configuration has no task '{part.task}'{did_you_mean(part.task, tasks)}")
-    return [
-        config.narrowed(_condition(part.condition), part.seed) for config in configs if part.task in (None, config.task)
-    ]
-
-
-def _condition(text: str | None) -> Condition | None:
-    try:
-        return None if text is None else Condition(text)
-    except ValueError:
-        raise ConfigError(f"unknown condition '{text}'{did_you_mean(str(text), Condition)}") from None
 
 
 def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore) -> None:

@@ -15,7 +15,7 @@ def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
     return bounds
 
 
-Bound = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Bound = Annotated[float, Field(ge=0, le=360)]
 Range = Annotated[tuple[Bound, Bound], AfterValidator(_ordered)]
 """Lower and upper bound of a uniform draw."""
 
@@ -23,7 +23,7 @@ Range = Annotated[tuple[Bound, Bound], AfterValidator(_ordered)]
 class DepartureConfig(StrictConfig):
     """How the hand is led away from a critical state: up, off into a cone, turned on the spot, partly down again."""
 
-    weight: float = Field(default=1.0, gt=0, description="how often it is drawn, relative to the other kinds")
+    weight: float = Field(default=1.0, gt=0, le=1e6, description="how often it is drawn, relative to the other kinds")
     lift_m: Range = Field(description="straight up, before anything else")
     distance_m: Range = Field(description="length of the move into the cone")
     polar_deg: Range = Field(description="angle of that move from the vertical; 90 is sideways")
@@ -74,19 +74,25 @@ FAR = DepartureConfig(
 class ToleranceConfig(StrictConfig):
     """How close a snippet must come to the demonstration; the defaults are the paper's."""
 
-    position_m: float = Field(default=0.017, gt=0, description="largest distance of a part from where it was")
-    rotation_deg: float = Field(default=20.0, gt=0, description="largest turn of a part from how it was")
-    gripper_width_m: float = Field(default=0.005, gt=0, description="largest difference of the gripper's opening")
+    position_m: float = Field(default=0.017, gt=0, le=10, description="largest distance of a part from where it was")
+    rotation_deg: float = Field(default=20.0, gt=0, le=360, description="largest turn of a part from how it was")
+    gripper_width_m: float = Field(
+        default=0.005, gt=0, le=10, description="largest difference of the gripper's opening"
+    )
 
 
 class AugmentationConfig(StrictConfig):
     """Which corrective episodes to make, and when to believe one."""
 
-    num_snippets: int = Field(default=192, gt=0, description="corrective episodes wanted")
-    max_attempts_per_snippet: int = Field(default=4, gt=0, description="attempts after which to settle for less")
-    departures: dict[str, DepartureConfig] = Field(default={"near": NEAR, "beside": BESIDE, "far": FAR}, min_length=1)
+    num_snippets: int = Field(default=192, gt=0, le=1_000_000, description="corrective episodes wanted")
+    max_attempts_per_snippet: int = Field(
+        default=4, gt=0, le=1000, description="attempts after which to settle for less"
+    )
+    departures: dict[Annotated[str, Field(min_length=1, max_length=100)], DepartureConfig] = Field(
+        default={"near": NEAR, "beside": BESIDE, "far": FAR}, min_length=1, max_length=64
+    )
     steps_after_gripper_change: int = Field(
-        default=5, gt=0, description="where a snippet ends, after the next gripper change (paper 30)"
+        default=5, gt=0, le=10_000, description="where a snippet ends, after the next gripper change (paper 30)"
     )
     tolerance: ToleranceConfig = Field(
         default=ToleranceConfig(position_m=0.006), description="at the next gripper change, before anything is let go"

@@ -7,23 +7,41 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from juicer.config import StrictConfig
+from juicer.episode import ACTION_SIZE
 
 UNET_LENGTH_MULTIPLE = 4
 """The U-Net halves the time axis twice."""
+
+MOST_PARAMETERS = 500_000_000
+"""Learned weights of the largest policy: 2 GB in fp32, seven times the paper's."""
+
+MOST_PARTS = 64
+MOST_HORIZON = 1024
+MOST_BLOCKS = 64
+_TYPICAL_FEATURES = 256
+"""Numbers that a network is shown of a step, for the estimate of its size."""
+
+Size = Annotated[int, Field(gt=0, le=16_384)]
+"""Width of a layer."""
 
 
 class StateObservationConfig(StrictConfig):
     """Which relative poses are shown, and how finely."""
 
-    fine_scales_m: tuple[float, ...] = Field(default=(0.003, 0.01, 0.04), description="saturation lengths of offsets")
-    tilt_scale: float = Field(default=0.05, gt=0, description="saturation of the sine of a tilt")
+    fine_scales_m: tuple[Annotated[float, Field(gt=0, le=10)], ...] = Field(
+        default=(0.003, 0.01, 0.04), max_length=16, description="saturation lengths of offsets"
+    )
+    tilt_scale: float = Field(default=0.05, gt=0, le=10, description="saturation of the sine of a tilt")
     pairs: Literal["next", "all"] = Field(
         default="next", description="which are shown: that to be mounted next and the one before it, or all of them"
     )
-    clip: float = Field(default=1.5, ge=1, description="bound of normalised features, whose training range is [-1, 1]")
+    clip: float = Field(
+        default=1.5, ge=1, le=1000, description="bound of normalised features, whose training range is [-1, 1]"
+    )
 
 
-Target = tuple[float, float, float, float, float, float, float]
+Coordinate = Annotated[float, Field(ge=-10, le=10)]
+Target = tuple[Coordinate, Coordinate, Coordinate, Coordinate, Coordinate, Coordinate, Coordinate]
 
 
 class PairSpec(StrictConfig):
@@ -37,10 +55,10 @@ class PairSpec(StrictConfig):
         any_rotation: Whether it is mounted however it is turned.
     """
 
-    first: int = Field(ge=0)
-    second: int = Field(ge=0)
+    first: int = Field(ge=0, lt=MOST_PARTS)
+    second: int = Field(ge=0, lt=MOST_PARTS)
     target: Target
-    also_at: tuple[Target, ...] = ()
+    also_at: tuple[Target, ...] = Field(default=(), max_length=MOST_PARTS)
     any_rotation: bool = False
 
 
@@ -54,9 +72,9 @@ class FeatureSpec(StrictConfig):
         mounted_cosine: Least cosine of the angle between each of its axes and where that belongs.
     """
 
-    num_parts: int = Field(gt=0)
-    pairs: tuple[PairSpec, ...]
-    mounted_m: float = Field(gt=0)
+    num_parts: int = Field(gt=0, le=MOST_PARTS)
+    pairs: tuple[PairSpec, ...] = Field(min_length=1, max_length=MOST_PARTS)
+    mounted_m: float = Field(gt=0, le=10)
     mounted_cosine: float = Field(ge=-1, le=1)
 
     @model_validator(mode="after")
@@ -70,9 +88,9 @@ class FeatureSpec(StrictConfig):
 class HorizonConfig(StrictConfig):
     """How many steps a policy sees, predicts and executes; defaults of the paper (Table II)."""
 
-    obs: int = Field(default=1, gt=0, description="T_o, observations shown to the policy")
-    pred: int = Field(default=32, gt=0, description="T_p, actions predicted per call")
-    action: int = Field(default=8, gt=0, description="T_a, actions executed per call")
+    obs: int = Field(default=1, gt=0, le=64, description="T_o, observations shown to the policy")
+    pred: int = Field(default=32, gt=0, le=MOST_HORIZON, description="T_p, actions predicted per call")
+    action: int = Field(default=8, gt=0, le=MOST_HORIZON, description="T_a, actions executed per call")
 
     @model_validator(mode="after")
     def _chunk_covers_execution(self) -> Self:
@@ -85,10 +103,10 @@ class UNetConfig(StrictConfig):
     """1-D U-Net over the action chunk; the defaults are the paper's, 69.12 M parameters."""
 
     kind: Literal["unet"] = "unet"
-    channels: tuple[int, int, int] = (256, 512, 1024)
-    kernel_size: int = Field(default=5, gt=0)
-    groups: int = Field(default=8, gt=0)
-    step_embedding: int = Field(default=256, gt=0, multiple_of=2)
+    channels: tuple[Size, Size, Size] = (256, 512, 1024)
+    kernel_size: int = Field(default=5, gt=0, le=31)
+    groups: Size = 8
+    step_embedding: Size = Field(default=256, multiple_of=2)
 
     @model_validator(mode="after")
     def _layers_fit(self) -> Self:
@@ -103,9 +121,9 @@ class MLPDenoiserConfig(StrictConfig):
     """Residual network on the flattened action chunk: the quick denoiser for CPUs."""
 
     kind: Literal["mlp"] = "mlp"
-    width: int = Field(default=512, gt=0)
-    blocks: int = Field(default=4, gt=0)
-    step_embedding: int = Field(default=64, gt=0, multiple_of=2)
+    width: Size = 512
+    blocks: int = Field(default=4, gt=0, le=MOST_BLOCKS)
+    step_embedding: Size = Field(default=64, multiple_of=2)
 
 
 class DiffusionConfig(StrictConfig):
@@ -116,8 +134,8 @@ class DiffusionConfig(StrictConfig):
     prediction: Literal["epsilon", "sample"] = Field(
         default="epsilon", description="what the denoiser predicts: the noise, or the clean chunk itself"
     )
-    train_timesteps: int = Field(default=100, gt=0)
-    inference_steps: int = Field(default=8, gt=0)
+    train_timesteps: int = Field(default=100, gt=0, le=10_000)
+    inference_steps: int = Field(default=8, gt=0, le=1000)
     spacing: Literal["leading", "trailing"] = Field(
         default="leading",
         description="noise levels visited: 'leading' starts below full noise as the original does, 'trailing' at it",
@@ -136,8 +154,8 @@ class MLPConfig(StrictConfig):
     """Regression baseline; the defaults are the paper's. Unchunked is ``horizons: {pred: 1, action: 1}``."""
 
     kind: Literal["mlp"] = "mlp"
-    width: int = Field(default=1024, gt=0)
-    blocks: int = Field(default=5, gt=0)
+    width: Size = 1024
+    blocks: int = Field(default=5, gt=0, le=MOST_BLOCKS)
     dropout: float = Field(default=0.1, ge=0, lt=1)
 
 
@@ -155,8 +173,8 @@ class PolicyConfig(StrictConfig):
         "has its own: relative to the gripper the first steps move little, and a shared scale hides their detail",
     )
     observation: StateObservationConfig = StateObservationConfig()
-    task_embedding: int = Field(
-        default=128, gt=0, description="length of the learned vector that tells a policy for several tasks which it is"
+    task_embedding: Size = Field(
+        default=128, description="length of the learned vector that tells a policy for several tasks which it is"
     )
     head: Annotated[DiffusionConfig | MLPConfig, Field(discriminator="kind")] = DiffusionConfig()
 
@@ -168,3 +186,27 @@ class PolicyConfig(StrictConfig):
                 f"a U-Net needs horizons.pred to be a multiple of {UNET_LENGTH_MULTIPLE}, got {self.horizons.pred}"
             )
         return self
+
+    @model_validator(mode="after")
+    def _can_be_held_in_memory(self) -> Self:
+        if (size := rough_parameters(self)) > MOST_PARAMETERS:
+            raise ValueError(f"a policy of about {size:,} weights is too large; at most {MOST_PARAMETERS:,} are taken")
+        return self
+
+
+def rough_parameters(policy: PolicyConfig) -> int:
+    """Learned weights of a policy, to within a few per cent for the sizes that matter."""
+    chunk, shown = policy.horizons.pred * ACTION_SIZE, policy.horizons.obs * _TYPICAL_FEATURES
+    if isinstance(policy.head, MLPConfig):
+        return _rough_mlp(policy.head.width, policy.head.blocks, shown + chunk)
+    denoiser = policy.head.denoiser
+    if isinstance(denoiser, MLPDenoiserConfig):
+        return _rough_mlp(denoiser.width, denoiser.blocks, shown + 2 * chunk + denoiser.step_embedding)
+    low, middle, high = denoiser.channels
+    convolutions = 7 * low**2 + 6 * middle**2 + 7 * high**2 + 3 * low * middle + 3 * middle * high
+    modulation = 8 * (low + middle + high) * (shown + denoiser.step_embedding)
+    return denoiser.kernel_size * convolutions + modulation + 7 * (low**2 + middle**2)
+
+
+def _rough_mlp(width: int, blocks: int, ends: int) -> int:
+    return width * (2 * blocks * width + ends)

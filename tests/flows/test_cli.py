@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 import resource
 import subprocess
 import sys
@@ -10,7 +12,10 @@ from pathlib import Path
 
 import pytest
 
+import juicer
 from flows.cli import call
+from flows.commands.choosing import Choice
+from flows.conditions import Condition
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
 from juicer.storage.episodes import write_episodes
@@ -100,15 +105,12 @@ def test_damage_is_found_and_fails_the_command(capsys, store, episodes):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["ls", "episode"], "unknown kind of artifact 'episode'; did you mean 'episodes'?"),
         (["show", "abc"], "no artifact answers to 'abc'"),
         (["run", "gone.yaml"], "'gone.yaml' does not exist"),
         (["run", str(SMOKE), "--set", "evaluat.episodes=3"], "'evaluat'; did you mean 'evaluate'?"),
         (["run", str(SMOKE), "--set", "evaluate.episodes"], "must look like key=value"),
         (["run", str(SMOKE), "--set", "logs=/nowhere"], "folder '/nowhere' does not exist"),
-        (["stage", "trian", "--config", str(SMOKE)], "unknown stage 'trian'; did you mean 'train'?"),
         (["stage", "train", "-c", str(SMOKE), "--condition", "bc"], "needs what ingest makes, and the store lacks it"),
-        (["explain", "train", "-c", str(SMOKE), "--condition", "tai"], "unknown condition 'tai'; did you mean 'ta'?"),
         (["explain", "train", "-c", str(SMOKE), "--seed", "5"], "the study has no seed 5"),
         (["explain", "report", "-c", str(SMOKE)], "the report needs evaluations that are not in the store"),
     ],
@@ -130,9 +132,119 @@ def test_misspelt_variable_is_refused(capsys, store, monkeypatch):
     assert "did you mean 'JUICER_STORE'?" in complaint(capsys, "ls")
 
 
-def test_wrong_call_shows_usage_and_ends_with_2(capsys):
-    assert call(["ls", "--jsno"]) == 2
-    assert "--jsno" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["ls", "--jsno"], "No such option: --jsno"),
+        (["ls", "episode"], "'episode' is none of logs, episodes, .*; did you mean 'episodes'"),
+        (["stage", "trian", "--config", "smoke"], "'trian' is none of record, .*; did you mean 'train'"),
+        (["run", "smoke", "--condition", "tai"], "'tai' is none of replay, bc, .*; did you mean 'ta'"),
+        (["run", "smoke", "--task", "lmap"], "'lmap' is none of one_leg, .*; did you mean 'lamp'"),
+        (["evaluate", "abc", "--randomness", "lo"], "'lo' is none of low, med, high; did you mean 'low'"),
+        (["evaluate", "abc", "--episodes", "3", "-n", "4"], "'--episodes' is given 2 times and counts once"),
+        (["evaluate", "abc", "--randomness", "low", "--randomness", "med"], "'--randomness' is given 2 times"),
+        (["replay", "abc", "--video", "a.mp4", "--camera", "back"], "'back' is none of front, wrist"),
+        (["stage", "train", "-c", "smoke", "--config", "demo"], "'--config' is given 2 times"),
+        (["show", "abc", "e\x1b[2Jxtra\nline"], r"extra argument.*e\\x1b\[2Jxtra\\(n|x0a)line"),
+    ],
+)
+def test_wrong_call_ends_with_2_and_says_what_would_be_right(capsys, store, arguments, message):
+    assert call(arguments) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert re.search(message, line)
+    assert call([*arguments, "--json"]) == 2
+    captured = capsys.readouterr()
+    content = json.loads(captured.out)
+    assert captured.err == ""
+    assert set(content) == {"error", "kind"}
+    assert content["kind"] == "UsageError"
+    assert re.search(message, content["error"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "kind", "message"),
+    [
+        (["run", "smoke", "--set", "seeds=1"], "ConfigError", "seeds: must be a list, e.g. [1], got 1"),
+        (["show", "abc"], "ArtifactNotFound", "no artifact answers to 'abc'"),
+        (["run", "dem"], "ConfigError", "did you mean 'demo'"),
+    ],
+)
+def test_for_machines_an_error_is_json_too(capsys, store, arguments, kind, message):
+    assert call([*arguments, "--json"]) == 1
+    captured = capsys.readouterr()
+    content = json.loads(captured.out)
+    assert (captured.err, content["kind"]) == ("", kind)
+    assert message in content["error"]
+
+
+def test_foreign_text_in_an_error_does_not_steer_the_terminal(capsys, store):
+    line = complaint(capsys, "show", "a\x1b]0;title\x07\nb" + "x" * 100_000)
+    assert "\x1b" not in line
+    assert r"a\x1b]0;title\x07\nb" in line
+    assert len(line) < 3000
+
+
+def test_several_conditions_and_seeds_of_a_study_count_together(store):
+    choice = Choice.of("study_one_leg", None, None, ["ta_ci", "bc"], [1, 0])
+    (run,) = choice.runs()
+    assert (run.conditions, run.seeds) == ((Condition.BC, Condition.TA_CI), (0, 1))
+
+
+def test_several_tasks_count_together_in_the_order_of_the_configuration():
+    runs = Choice.of("table_vi", None, ["lamp", "one_leg"], ["bc"], [0]).runs()
+    assert [run.task for run in runs] == ["one_leg", "lamp"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "demo", "--condition", "bc", "--condition", "bc"], "--condition: each may be given only once"),
+        (["run", "demo", "--seed", "0", "--seed", "0"], "--seed: each may be given only once"),
+        (["explain", "train", "-c", "table_vi", "--task", "lamp", "--task", "lamp"], "--task: each may be given only"),
+        (["run", "demo", "--condition", "bc", "--condition", "ci"], "the study has no condition 'ci'"),
+        (["run", "laptop", "--seed", "0", "--seed", "1"], "is of one model: give one seed, or make it a study"),
+        (["run", "demo", "--set", "seeds=[1]", "--set", "seeds=[2]"], "--set 'seeds=[2]' undoes --set 'seeds=[1]'"),
+        (["run", "demo", "--set", "record.seed=1", "--set", "record={seed: 2}"], "undoes --set 'record.seed=1'"),
+    ],
+)
+def test_nothing_that_is_given_is_left_out_without_a_word(capsys, store, arguments, message):
+    assert message in complaint(capsys, *arguments)
+
+
+def test_version_is_told(capsys):
+    assert call(["--version"]) == 0
+    assert capsys.readouterr().out == f"juicer {juicer.__version__}\n"
+
+
+def test_help_names_the_choices_and_gives_an_example(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "300")
+    assert call(["run", "--help"]) == 0
+    told = capsys.readouterr().out
+    for words in ("demo, paper, smoke", "[replay|bc|", "[one_leg|", "--set evaluate.episodes=200"):
+        assert words in told
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        ("juicer ev", {"evaluate"}),
+        ("juicer run de", {"demo"}),
+        ("juicer run demo --condition ta", {"ta", "ta_ci"}),
+        ("juicer evaluate x --randomness m", {"med"}),
+        ("juicer stage tr", {"train"}),
+    ],
+)
+def test_shell_completes_commands_and_choices(words, found, tmp_path):
+    variables = {
+        "_JUICER_COMPLETE": "complete_bash",
+        "COMP_WORDS": words,
+        "COMP_CWORD": str(len(words.split()) - 1),
+    }
+    command = [sys.executable, "-m", "flows.cli"]
+    result = subprocess.run(
+        command, capture_output=True, text=True, check=True, env={**os.environ, **variables}, timeout=60
+    )
+    assert set(result.stdout.split()) == found
 
 
 def test_missing_stage_is_explained(capsys, store):

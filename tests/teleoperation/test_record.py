@@ -66,7 +66,7 @@ def test_the_top_is_pushed_to_one_side_of_the_fence_after_the_other(log: Operato
 
 
 def test_the_recording_passes_ingestion_without_its_idle_steps(log: OperatorLog):
-    episode = ingest_log(log, IngestionConfig())
+    episode = ingest_log(log, IngestionConfig(task="one_leg"))
     assert len(episode) == len(log) - np.count_nonzero(log.idle)
     assert episode.steps["reward"].sum() == 1.0
 

@@ -1,0 +1,95 @@
+"""Which configuration a command is about, and which part of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from flows.conditions import Condition
+from juicer.errors import ConfigError, did_you_mean
+
+if TYPE_CHECKING:
+    from flows.config import RunConfig
+    from flows.written import Written
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A configuration, and which part of it is meant: all of it where nothing is said.
+
+    Attributes:
+        source: A file, or the name of a configuration that comes with juicer.
+        overrides: Values that go first, as ``dotted.key=value``.
+        tasks: Some of its tasks.
+        conditions: Some of its conditions.
+        seeds: Some of its seeds.
+    """
+
+    source: str
+    overrides: tuple[str, ...] = ()
+    tasks: tuple[str, ...] = ()
+    conditions: tuple[Condition, ...] = ()
+    seeds: tuple[int, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        source: str,
+        overrides: Sequence[str] | None,
+        tasks: Sequence[str] | None,
+        conditions: Sequence[str] | None,
+        seeds: Sequence[int] | None,
+    ) -> Choice:
+        """From the options of a command.
+
+        Raises:
+            ConfigError: If something is chosen twice, or a condition does not exist.
+        """
+        for name, words in {"--task": tasks, "--condition": conditions, "--seed": seeds}.items():
+            if words and len(set(words)) < len(words):
+                raise ConfigError(f"{name}: each may be given only once, got {', '.join(map(str, words))}")
+        chosen = tuple(map(Condition, conditions or ()))
+        return cls(source, tuple(overrides or ()), tuple(tasks or ()), chosen, tuple(seeds or ()))
+
+    def written(self) -> Written:
+        """What was written of the chosen part; the configuration must be valid.
+
+        A model for several tasks needs all of them, whichever it is evaluated on: they stay in it then.
+        """
+        from flows.config import FLOW_KEY, names_mix
+        from flows.written import TASKS_KEY, read_written
+
+        written = read_written(self.source).assigning(self.overrides)
+        is_study = written.values.get(FLOW_KEY) == "study"
+        for option, key, chosen in (
+            ("--condition", "condition", [condition.value for condition in self.conditions]),
+            ("--seed", "seed", list(self.seeds)),
+        ):
+            if chosen:
+                written = written.replacing(
+                    (f"{key}s" if is_study else key,), chosen if is_study else chosen[0], option
+                )
+        tasks = written.values.get(TASKS_KEY)
+        if self.tasks and tasks and not names_mix(written):
+            if isinstance(tasks, dict):
+                kept: object = {task: own for task, own in tasks.items() if task in self.tasks}
+            else:
+                kept = [task for task in tasks if task in self.tasks]
+            written = replace(written, values={**written.values, TASKS_KEY: kept})
+        return written
+
+    def runs(self) -> list[RunConfig]:
+        """The chosen part, one run a task.
+
+        Raises:
+            ConfigError: If the configuration is not valid, or has no such part.
+        """
+        from flows.config import load_runs
+
+        runs = load_runs(self.source, self.overrides)
+        known = [run.task for run in runs]
+        for task in self.tasks:
+            if task not in known:
+                raise ConfigError(f"the configuration has no task '{task}'{did_you_mean(task, known)}")
+        return [run.narrowed(self.conditions, self.seeds) for run in runs if not self.tasks or run.task in self.tasks]

@@ -1,0 +1,190 @@
+"""Configuration of the loop: its sections, and what each stage of it is given."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from flows.conditions import METHODS, Condition
+from juicer.config import ConfigT, StrictConfig
+from juicer.critical_states import AnnotationConfig
+from juicer.ingestion import IngestionConfig, IngestionSection
+from juicer.policy.config import HorizonConfig, MLPConfig, PolicyConfig
+from juicer.seed_ranges import SEED_RANGES, Purpose
+from juicer.tasks.registry import TASK_NAMES
+from juicer.tasks.specification import Randomness
+from juicer.tasks.task_name import TaskName
+from juicer.text import printable
+from juicer.training.config import OriginalStateNoise, PhysicalStateNoise, TrainingConfig, WindowConfig
+from stages.augment import AugmentConfig
+from stages.collect import CollectConfig, CollectSection
+from stages.evaluate import EvaluateConfig, EvaluateSection
+from stages.record import RecordConfig, RecordSection
+from stages.select import SelectConfig
+from stages.train import TrainConfig
+
+MOST_ROUNDS = 100
+LONGEST_PATH = 4096
+
+
+class ChunkedConfig(TrainConfig):
+    """Training of the regression baseline that predicts chunks."""
+
+    policy: PolicyConfig = PolicyConfig(head=MLPConfig())
+
+
+class UnchunkedConfig(TrainConfig):
+    """Training of the regression baseline that predicts one action at a time."""
+
+    policy: PolicyConfig = PolicyConfig(head=MLPConfig(), horizons=HorizonConfig(pred=1, action=1))
+    training: TrainingConfig = TrainingConfig(windows=WindowConfig(back_padding=0))
+
+
+class PoliciesConfig(StrictConfig):
+    """The policies of the paper's comparison, and how each is trained.
+
+    Attributes:
+        diffusion: The method's own policy.
+        mlp_chunked: The regression baseline that predicts chunks.
+        mlp_unchunked: The regression baseline that predicts one action at a time.
+        multitask: The policy for several tasks; a file about several trains it like ``diffusion`` if it is left out.
+    """
+
+    diffusion: TrainConfig = TrainConfig()
+    mlp_chunked: ChunkedConfig = ChunkedConfig()
+    mlp_unchunked: UnchunkedConfig = UnchunkedConfig()
+    multitask: TrainConfig | None = None
+
+    @model_validator(mode="after")
+    def _are_what_they_are_called(self) -> Self:
+        kinds = {"diffusion": "diffusion", "mlp_chunked": "mlp", "mlp_unchunked": "mlp", "multitask": "diffusion"}
+        for name, kind in kinds.items():
+            config: TrainConfig | None = getattr(self, name)
+            if config is not None and (found := config.policy.head.kind) != kind:
+                raise ValueError(f"{name}.policy.head must be of kind '{kind}', got '{found}'")
+        if self.mlp_unchunked.policy.horizons.pred != 1:
+            raise ValueError("mlp_unchunked.policy.horizons.pred must be 1; that is what unchunked means")
+        return self
+
+
+class LoopConfig(StrictConfig):
+    """The whole loop, from demonstrations to an evaluated policy.
+
+    Attributes:
+        name: Name of the experiment.
+        task: Assembly task, for all sections.
+        randomness: Level of the initial states; sections may set their own.
+        logs: Folder with operator logs of a human; if empty, the scripted operator records them.
+        labels: File with critical states labelled by a human.
+        record: What the scripted operator records.
+        ingest: Which logs become demonstrations.
+        annotate: How critical states are proposed.
+        augment: Corrective episodes of the first training.
+        augment_retraining: The same for retraining, if it differs (the paper's one_leg: 50, and then 150).
+        train: The policies.
+        state_noise: What the condition of that name adds to observed states.
+        rounds: Turns of collect, select, train in the conditions that collect.
+        collect: Rollouts of a turn.
+        select: Which of them are kept.
+        evaluate: The final measurement.
+        mix: By task, the loops whose data a model for several tasks is trained on.
+    """
+
+    name: str = Field(default="juicer", max_length=100)
+    task: TaskName = "one_leg"
+    randomness: Randomness = Randomness.LOW
+    logs: Path | None = None
+    labels: Path | None = None
+    record: RecordSection = RecordSection()
+    ingest: IngestionSection = IngestionSection()
+    annotate: AnnotationConfig = AnnotationConfig()
+    augment: AugmentConfig = AugmentConfig()
+    augment_retraining: AugmentConfig | None = None
+    train: PoliciesConfig = PoliciesConfig()
+    state_noise: Annotated[PhysicalStateNoise | OriginalStateNoise, Field(discriminator="kind")] = PhysicalStateNoise()
+    rounds: int = Field(default=1, gt=0, le=MOST_ROUNDS)
+    collect: CollectSection = CollectSection()
+    select: SelectConfig = SelectConfig()
+    evaluate: EvaluateSection = EvaluateSection()
+    mix: dict[TaskName, LoopConfig] = Field(default={}, max_length=len(TASK_NAMES))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _says_the_task_once(cls, content: Any) -> Any:
+        for section, own in content.items() if isinstance(content, Mapping) else ():
+            if isinstance(own, Mapping) and "task" in own and section != "mix":
+                raise ValueError(f"{printable(section)}.task: the task is said once, at the top: task: TASK")
+        return content
+
+    @field_validator("name")
+    @classmethod
+    def _fits_everywhere(cls, name: str) -> str:
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", name):
+            raise ValueError("must be letters, digits, '_', '.' and '-', a letter or digit first")
+        return name
+
+    @field_validator("logs", "labels")
+    @classmethod
+    def _can_be_a_path(cls, path: Path | None) -> Path | None:
+        if path is not None and ("\0" in str(path) or len(str(path)) > LONGEST_PATH):
+            raise ValueError("must be the path of a file or folder")
+        return path
+
+    @model_validator(mode="after")
+    def _mixes_loops_of_one_task_each(self) -> Self:
+        for task, loop in self.mix.items():
+            if loop.task != task or loop.mix:
+                raise ValueError(f"mix.{task} must be the loop of {task} alone")
+        return self
+
+    @property
+    def recording(self) -> RecordConfig:
+        """What the scripted operator records."""
+        return self._of_stage(self.record, RecordConfig)
+
+    @property
+    def ingestion(self) -> IngestionConfig:
+        """Which logs become demonstrations."""
+        return self._of_stage(self.ingest, IngestionConfig)
+
+    @property
+    def evaluation(self) -> EvaluateConfig:
+        """The final measurement."""
+        return self._of_stage(self.evaluate, EvaluateConfig)
+
+    def _of_stage(self, section: StrictConfig, model: type[ConfigT], **changes: Any) -> ConfigT:
+        """A stage's configuration: what its section says, and the scene that all of them share."""
+        own = dict(section)
+        scene = {"task": self.task, "randomness": own.get("randomness") or self.randomness}
+        return model(**{**own, **{key: value for key, value in scene.items() if key in model.model_fields}, **changes})
+
+    def training(self, condition: Condition, seed: int) -> TrainConfig:
+        """How a condition trains the model of a seed."""
+        method = METHODS[condition]
+        config: TrainConfig = getattr(self.train, method.policy)
+        training = config.training
+        if method.adds_noise:
+            training = training.model_copy(update={"state_noise": self.state_noise})
+        return config.model_copy(update={"training": training, "seed": config.seed + seed})
+
+    def final_training(self, condition: Condition, seed: int) -> TrainConfig:
+        """The same for the model that is evaluated, which may be one for several tasks."""
+        config = self.train.multitask
+        if config is None or not METHODS[condition].mixes:
+            return self.training(condition, seed)
+        return config.model_copy(update={"seed": config.seed + seed})
+
+    def collection(self, seed: int, round_index: int) -> CollectConfig:
+        """Rollouts of a turn; every model and turn starts from initial states of its own."""
+        turn = seed * MOST_ROUNDS + round_index - 1
+        return self._of_stage(self.collect, CollectConfig, first=self.collect.first + turn * self.collect.max_episodes)
+
+    @property
+    def largest_seed(self) -> int:
+        """The last seed whose models find initial states to collect from; below 0 if there is none."""
+        turns = (len(SEED_RANGES[Purpose.COLLECTION]) - self.collect.first) // self.collect.max_episodes
+        return (turns - self.rounds) // MOST_ROUNDS

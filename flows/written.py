@@ -1,0 +1,236 @@
+"""What a user wrote: layers of keys and values, laid over one another, each value with the place it was written in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from flows.shipped import CONFIGS, find_configuration, find_preset, is_name, names, shipped_path
+from juicer.config import read_document
+from juicer.errors import ConfigError
+from juicer.text import printable
+from juicer.yaml_reading import MOST_DEPTH, Keys, UnreadableYaml, check_plain, read_yaml
+
+BASE_KEY, TASKS_KEY, KIND_KEY = "base", "tasks", "kind"
+PATH_KEYS = ("logs", "labels")
+"""Keys of the top level, and of each task, that name files: relative to the file that they are written in."""
+ASSIGNED = "--set"
+
+
+@dataclass(frozen=True)
+class Written:
+    """Keys and values, and where each was written.
+
+    Attributes:
+        values: The content. Never changed in place: what an alias repeats is there once.
+        places: By keys, the file and line of a value, or the option that said it.
+    """
+
+    values: Mapping[str, Any]
+    places: Mapping[Keys, str] = field(default_factory=dict)
+
+    def place(self, keys: Keys) -> str | None:
+        """Where a value, or the innermost section around it, was written."""
+        return next((self.places[keys[:end]] for end in range(len(keys), 0, -1) if keys[:end] in self.places), None)
+
+    def over(self, below: Written) -> Written:
+        """This content laid over another: sections are merged, everything else is replaced."""
+        values, replaced = _merge(below.values, self.values)
+        kept = {keys: place for keys, place in below.places.items() if not _is_below(keys, replaced)}
+        return Written(values, kept | dict(self.places))
+
+    def replacing(self, keys: Sequence[str], value: Any, place: str) -> Written:
+        """The same with one value replaced as a whole.
+
+        Raises:
+            ConfigError: If one of the outer keys holds a value that is no section.
+        """
+        kept = {known: old for known, old in self.places.items() if not _is_below(known, {tuple(keys)})}
+        return Written(_replaced(self.values, keys, value, place), {**kept, tuple(keys): place})
+
+    def without(self, *left_out: str) -> Written:
+        """The same without some keys of the top level."""
+        return Written(
+            {key: value for key, value in self.values.items() if key not in left_out},
+            {keys: place for keys, place in self.places.items() if keys[0] not in left_out},
+        )
+
+    def below(self, *outer: str) -> Written:
+        """The content of a section; an empty one if there is nothing in it."""
+        values: Any = self.values
+        for key in outer:
+            values = values.get(key) if isinstance(values, Mapping) else None
+        size = len(outer)
+        places = {keys[size:]: place for keys, place in self.places.items() if keys[:size] == outer and keys[size:]}
+        return Written(values or {}, places)
+
+    def assigning(self, assignments: Iterable[str]) -> Written:
+        """The same with every ``dotted.key=value`` applied; values are YAML, paths relative to the working directory.
+
+        Raises:
+            ConfigError: If an assignment is none, undoes another, or descends into a value that is no section.
+        """
+        result, said = self, dict[tuple[str, ...], str]()
+        for text in assignments:
+            keys, value = _assignment(text)
+            for earlier, its_text in said.items():
+                if earlier[: len(keys)] == keys:
+                    raise ConfigError(f"{ASSIGNED} '{printable(text)}' undoes {ASSIGNED} '{printable(its_text)}'")
+            said[keys] = text
+            placed: Any = _with_paths(_nested(keys, value), Path.cwd(), ASSIGNED)
+            for key in keys:
+                placed = placed[key]
+            result = result.replacing(keys, placed, ASSIGNED)
+        return result
+
+
+def read_written(source: Path | str) -> Written:
+    """A configuration by its path, or by its name if it comes with juicer, laid over its base.
+
+    Raises:
+        ConfigError: If a file is missing or cannot be read.
+    """
+    text = str(source)
+    if is_name(text):
+        return _over_base(*_from_file(find_configuration(text)))
+    path = _path(text, Path(), "the configuration", "it")
+    if path.stem in names(CONFIGS) and not path.exists():
+        raise ConfigError(f"config file '{path}' does not exist; the one that comes with juicer is run as {path.stem}")
+    return _over_base(*_from_file(path))
+
+
+def take_written(content: Mapping[str, Any], origin: str) -> Written:
+    """A configuration that stands in no file, laid over its base; paths in it must be absolute.
+
+    Raises:
+        ConfigError: If it is too large, or a path is relative.
+    """
+    try:
+        check_plain(content)
+    except UnreadableYaml as error:
+        raise ConfigError(f"{origin}: {error}") from None
+    return _over_base(Written(_with_paths(content, None, origin)), None)
+
+
+def _from_file(path: Path) -> tuple[Written, Path]:
+    """A file's content, and the folder that its paths are relative to."""
+    document = read_document(path)
+    folder = path.absolute().parent
+    shown = _shown(path)
+    places = {keys: f"{shown}:{line}" for keys, line in document.lines.items() if keys}
+    return Written(_with_paths(document.value, folder, str(path)), places), folder
+
+
+def _shown(path: Path) -> str:
+    """A path as short as it can be understood."""
+    for folder in (CONFIGS, Path.cwd()):
+        if path.is_relative_to(folder):
+            return str(path.relative_to(folder))
+    return str(path)
+
+
+def _over_base(written: Written, folder: Path | None) -> Written:
+    if BASE_KEY not in written.values:
+        return written
+    base, _ = _from_file(_find_base(written.values[BASE_KEY], folder, written.place((BASE_KEY,)) or BASE_KEY))
+    if BASE_KEY in base.values:
+        place = base.place((BASE_KEY,))
+        raise ConfigError(f"{place}: this file is a base itself and must not have one")
+    return written.without(BASE_KEY).over(base)
+
+
+def _find_base(text: Any, folder: Path | None, origin: str) -> Path:
+    if not isinstance(text, str) or not text:
+        raise ConfigError(f"{origin}: base must be the name of a preset, or the path of a file")
+    if is_name(text):
+        return find_preset(text)
+    path = _path(text, folder, origin, BASE_KEY)
+    # What the examples show works from any folder.
+    return path if path.exists() else shipped_path(text) or path
+
+
+def _path(text: str, folder: Path | None, origin: str, key: str) -> Path:
+    """A path as an absolute one.
+
+    Raises:
+        ConfigError: If it cannot be one.
+    """
+    if not text or "\0" in text:
+        raise ConfigError(f"{origin}: {key} must be the path of a file or folder, got '{printable(text)}'")
+    try:
+        path = Path(text).expanduser()
+    except RuntimeError:
+        raise ConfigError(f"{origin}: {key}: '{printable(text)}': there is no such user") from None
+    if path.is_absolute():
+        return path
+    if folder is None:
+        raise ConfigError(f"{origin}: {key} must be an absolute path, as it stands in no file, got '{printable(text)}'")
+    return folder / path
+
+
+def _with_paths(values: Mapping[str, Any], folder: Path | None, origin: str) -> dict[str, Any]:
+    """The same with the paths in it made absolute."""
+    result = dict(values)
+    for key in PATH_KEYS:
+        if isinstance(text := result.get(key), str):
+            result[key] = str(_path(text, folder, origin, key))
+    tasks = result.get(TASKS_KEY)
+    if isinstance(tasks, Mapping):
+        result[TASKS_KEY] = {
+            task: _with_paths(own, folder, origin) if isinstance(own, Mapping) else own for task, own in tasks.items()
+        }
+    return result
+
+
+def _assignment(text: str) -> tuple[tuple[str, ...], Any]:
+    shown = printable(text)
+    key, separator, value = text.partition("=")
+    keys = tuple(part.strip() for part in key.split("."))
+    if not separator or not all(keys) or len(keys) > MOST_DEPTH:
+        raise ConfigError(f"{ASSIGNED} '{shown}' must look like key=value, for instance evaluate.episodes=200")
+    try:
+        return keys, read_yaml(value).value
+    except UnreadableYaml as error:
+        raise ConfigError(f"{ASSIGNED} '{shown}': the value cannot be read: {error}") from None
+
+
+def _nested(keys: Sequence[str], value: Any) -> dict[str, Any]:
+    for key in reversed(keys):
+        value = {key: value}
+    nested: dict[str, Any] = value
+    return nested
+
+
+def _replaced(values: Mapping[str, Any], keys: Sequence[str], value: Any, place: str) -> dict[str, Any]:
+    first, *rest = keys
+    if not rest:
+        return {**values, first: value}
+    section = values.get(first)
+    if section is not None and not isinstance(section, Mapping):
+        raise ConfigError(f"{place} {'.'.join(keys)}: '{printable(first)}' holds a value, not a section")
+    return {**values, first: _replaced(section or {}, rest, value, place)}
+
+
+def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> tuple[dict[str, Any], set[Keys]]:
+    """Both together, and the places at which the upper one replaces what the lower one says."""
+    merged, replaced = dict(below), set[Keys]()
+    for key, value in above.items():
+        old = merged.get(key)
+        if isinstance(value, Mapping) and isinstance(old, Mapping) and _are_of_one_kind(old, value):
+            merged[key], within = _merge(old, value)
+            replaced |= {(key, *keys) for keys in within}
+        else:
+            merged[key] = value
+            replaced.add((key,))
+    return merged, replaced
+
+
+def _are_of_one_kind(below: Mapping[str, Any], above: Mapping[str, Any]) -> bool:
+    """Whether two sections can be merged: what one kind of network or noise says means nothing to another."""
+    return KIND_KEY not in below or KIND_KEY not in above or below[KIND_KEY] == above[KIND_KEY]
+
+
+def _is_below(keys: Keys, places: set[Keys]) -> bool:
+    return any(keys[:end] in places for end in range(1, len(keys) + 1))
