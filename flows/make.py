@@ -22,7 +22,13 @@ from stages.stage import StageCall
 
 @flow(name=MAKE, task_runner=task_runner(), persist_result=False)
 def make(recipe: dict[str, Any], label: str = "", force: bool = False) -> State[Any]:
-    """Make the artifact of a recipe, unless it is in the store; with ``force`` even then."""
+    """Make one artifact for a run that another machine has begun; runs ask for it by themselves.
+
+    Args:
+        recipe: What it is made of.
+        label: Condition, seed and round that it is made for.
+        force: Whether to make it even if it is in the store.
+    """
     try:
         call = _call(recipe)
         forced = frozenset({call.stage.name}) if force else frozenset()

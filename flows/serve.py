@@ -27,30 +27,35 @@ def serve_flows() -> None:
     from prefect import serve
     from prefect.types.entrypoint import EntrypointType
 
-    from flows.collect_infer import collect_infer
+    from flows.deployed import configured, configured_stage, loop, stage_of_loop, study
     from flows.make import make
-    from flows.single_stage import single_stage
     from flows.spread import DEPLOYMENT
-    from flows.study import study
-    from stages.names import STAGES
 
-    # Machines that serve share the deployments, but not the folder that juicer lies in.
-    common: Any = {"tags": ["juicer"], "entrypoint_type": EntrypointType.MODULE_PATH}
+    # The first line of a flow's docstring describes it; what is not for people comes last.
+    offered: list[tuple[Any, str, str]] = [
+        (loop, "loop", "run"),
+        (study, "study", "run"),
+        (configured, "run", "run"),
+        (stage_of_loop, "stage", "stage"),
+        (configured_stage, "stage", "stage"),
+        (make, DEPLOYMENT, "internal"),
+    ]
     deployments: list[Any] = [
-        make.to_deployment(DEPLOYMENT, description="Stages of runs on other machines.", **common),
-        collect_infer.to_deployment("loop", description="The whole loop for one model.", **common),
-        study.to_deployment("study", description="Conditions times seeds, compared.", **common),
-        *(
-            single_stage.to_deployment(
-                name, parameters={"stage": name}, description=f"Stage '{name}' of a configuration.", **common
-            )
-            for name in STAGES
-        ),
+        each.to_deployment(
+            name,
+            tags=["juicer", tag],
+            description=(each.description or "").partition("\n")[0],
+            # Machines that serve share the deployments, but not the folder that juicer lies in.
+            entrypoint_type=EntrypointType.MODULE_PATH,
+        )
+        for each, name, tag in offered
     ]
     for deployment in deployments:
         # `serve` does so too, but only after the last word: whoever reads that may rely on it.
         deployment.apply()
         say(f"{deployment.flow_name}/{deployment.name}")
-    say("waiting for runs; start one with `prefect deployment run collect_infer/loop`, Ctrl-C ends")
+    say(
+        "waiting for runs; start one on Prefect's page or with `prefect deployment run collect_infer/loop`, Ctrl-C ends"
+    )
     # Schedules are the team's, and outlive the machine that leaves.
     serve(*deployments, print_starting_message=False, pause_on_shutdown=False, limit=settings.workers)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from prefect import flow
 
-from flows.conditions import Condition
-from flows.config import CollectInferConfig, StudyConfig
+from flows.config import CollectInferConfig, RunConfig, StudyConfig
 from flows.opening import expect, opened
 from flows.plan import ready_calls
 from flows.run import task_runner
@@ -14,19 +15,17 @@ from flows.spread import sender
 from stages.prefect_task import PrefectPerformer
 
 
-@flow(name="single_stage", flow_run_name="{stage} of {config.name}", task_runner=task_runner(), persist_result=False)
-def single_stage(
-    stage: str,
-    config: CollectInferConfig | StudyConfig,
-    condition: Condition | None = None,
-    seed: int | None = None,
-    force: bool = False,
-) -> list[str]:
-    """Run every call of a stage that a configuration makes; with ``force`` even if its artifact is in the store."""
-    forced = frozenset({stage}) if force else frozenset()
+@flow(name="single_stage", flow_run_name="{stage}", task_runner=task_runner(), persist_result=False)
+def single_stage(stage: str, configs: list[CollectInferConfig | StudyConfig], force: bool = False) -> list[str]:
+    """Run every call of a stage that configurations make; with ``force`` even if its artifact is in the store."""
+    return run_stage(stage, configs, force=force)
+
+
+def run_stage(stage: str, configs: Sequence[RunConfig], *, force: bool) -> list[str]:
+    """The same within a flow run; gives the artifacts."""
     settings = read_settings()
+    forced = frozenset({stage}) if force else frozenset()
     with opened(settings, None, PrefectPerformer(), send=sender(settings), forced=forced) as surroundings:
-        part = config.narrowed(() if condition is None else (condition,), () if seed is None else (seed,))
-        chosen = ready_calls(surroundings.session.store, part, stage)
+        chosen = [entry for config in configs for entry in ready_calls(surroundings.session.store, config, stage)]
         expect(surroundings, chosen)
         return [str(entry.perform(surroundings.session)) for entry in chosen]

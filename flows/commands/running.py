@@ -114,7 +114,7 @@ def run_stage(name: str, choice: Choice, force: bool, as_json: bool) -> None:
     from flows.single_stage import single_stage
 
     with server_loss_explained():
-        refs = [ref for config in configs for ref in single_stage(name, config, force=force)]
+        refs = single_stage(name, configs, force=force)
     if as_json:
         say_json(refs)
     else:
