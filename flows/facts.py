@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from juicer.text import printable
+
 _CHOSEN = (
     "successes",
     "yield",
@@ -24,10 +26,11 @@ _CHOSEN = (
 def headline(summary: Mapping[str, Any]) -> str:
     """What a summary says, in a few words."""
     if "reason" in summary:
-        return str(summary["reason"])
-    if "interval_low" in summary:
-        low, high = summary["interval_low"], summary["interval_high"]
-        return f"success {summary['success_rate']:.0%} of {summary['episodes']} episodes ({low:.0%} to {high:.0%})"
+        return printable(summary["reason"])
+    rates = [summary.get(name) for name in ("success_rate", "interval_low", "interval_high")]
+    if all(isinstance(rate, int | float) for rate in rates):
+        rate, low, high = rates
+        return f"success {rate:.0%} of {printable(summary.get('episodes'))} episodes ({low:.0%} to {high:.0%})"
     chosen = {name: summary[name] for name in _CHOSEN if isinstance(summary.get(name), int | float)}
     return ", ".join(f"{name.rpartition('/')[2].replace('_', ' ')} {number(value)}" for name, value in chosen.items())
 

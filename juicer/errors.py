@@ -38,8 +38,12 @@ class DamagedArtifact(ArtifactError):
     """The files of an artifact differ from its manifest."""
 
 
+class StrayFile(ArtifactError):
+    """A file lies in an artifact that does not belong to it; the artifact itself is whole."""
+
+
 class UnreadableArtifact(ArtifactError):
-    """The disk does not let an artifact be read, which may be whole."""
+    """An artifact that may be whole, or the folder it may be in, cannot be looked at."""
 
 
 class StoreNotWritable(ArtifactError):

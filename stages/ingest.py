@@ -25,7 +25,9 @@ def ingest(
     """Turn operator logs into demonstrations; bad ones are rejected one by one, with a reason."""
     paths = sorted(files, key=lambda path: path.name)
     if logs is not None:
-        paths += sorted(context.store.open(logs, "logs").glob(f"*{SUFFIX}"))
+        folder = context.store.open(logs, "logs")
+        # Not whatever lies there: an operating system may have left files of similar names.
+        paths += [folder / entry.path for entry in context.store.manifest(logs).files if entry.path.endswith(SUFFIX)]
     tally = _Tally()
     episodes = tally.keep(ingest_logs(paths, config, context.progress))
     try:

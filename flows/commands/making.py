@@ -68,11 +68,17 @@ def repair_artifact(text: str, files: Path | None, as_json: bool) -> None:
     settings = read_settings()
     ref = open_store(settings).resolve(text)
     with opened(settings, None) as surroundings:
-        repaired = [str(each) for each in repair(surroundings.session, ref, files)]
+        repaired = list(repair(surroundings.session, ref, files))
     if as_json:
-        say_json({"repaired": repaired})
-    else:
-        say(f"recomputed {', '.join(repaired)}" if repaired else f"{ref} is whole; nothing to repair")
+        aside = {str(each.ref): each.aside for each in repaired if each.aside}
+        say_json({"repaired": [str(each.ref) for each in repaired], "aside": aside})
+        return
+    for each in repaired:
+        say(f"recomputed {each.ref}" if each.recomputed else f"restored {each.ref} without computing anything")
+        if each.aside:
+            say(f"  what was there before is kept in {each.aside}; delete it when you need it no more")
+    if not repaired:
+        say(f"{ref} is whole; nothing to repair")
 
 
 def replay_episode(text: str, index: int, video: Path, camera: str, speed: int, as_json: bool) -> None:

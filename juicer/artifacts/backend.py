@@ -6,57 +6,85 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Protocol
 
-from juicer.artifacts.manifest import Manifest
+from juicer.artifacts.findings import Finding, Listing, damaged, unreadable
+from juicer.artifacts.manifest import MANIFEST_NAME, AnotherVersionError, Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.workspace import Workspace
+from juicer.text import printable
+
+ASIDE = ".aside"
+"""Folder of a store for what is no artifact any more, but was not juicer's to delete:
+``.aside/<kind>/<id>/<number>/``."""
 
 
 class Backend(Protocol):
-    """Keeper of committed artifacts; whatever makes or removes one does so under its lock in ``work``."""
+    """Keeper of committed artifacts; whatever makes, moves or mends one does so under its lock in ``work``.
+
+    What differs from what was written is never deleted, only set aside: it may be all that is left of something.
+    """
 
     @property
     def work(self) -> Workspace:
         """Local folders for work in progress."""
         ...
 
-    def refs(self, kinds: Iterable[str]) -> list[ArtifactRef]:
-        """Every artifact of the kinds, sorted."""
+    def is_there(self) -> bool:
+        """Whether there is a store at all; one that has no artifact yet need not be."""
+        ...
+
+    def survey(self, kinds: Iterable[str]) -> Listing:
+        """Every artifact of the kinds, and where there may be more that cannot be looked at."""
         ...
 
     def exists(self, ref: ArtifactRef) -> bool:
-        """Whether the artifact was committed; says nothing about damage since."""
-        ...
-
-    def read_manifest(self, ref: ArtifactRef) -> Manifest:
-        """Description of a committed artifact.
+        """Whether the artifact was committed; says nothing about damage since.
 
         Raises:
-            DamageError: If the manifest is missing, altered, or that of another artifact.
-            UnreadableError: If the disk does not let it be read.
+            TroubleError: If that cannot be found out.
         """
         ...
 
-    def problems(self, ref: ArtifactRef) -> list[str]:
-        """Every way in which a committed artifact differs from its manifest, one clause each."""
+    def address(self, ref: ArtifactRef) -> str:
+        """Where the artifact is, or would be, for people."""
+        ...
+
+    def read(self, ref: ArtifactRef) -> bytes:
+        """Manifest of a committed artifact as it was written.
+
+        Raises:
+            TroubleError: If it is missing, cannot be read, or is no manifest for its sheer size.
+        """
+        ...
+
+    def problems(self, ref: ArtifactRef) -> list[Finding]:
+        """Everything that is wrong with a committed artifact."""
         ...
 
     def open(self, ref: ArtifactRef) -> Path:
         """Local folder with all files of a committed artifact, compared with its manifest just now.
 
         Raises:
-            DamageError: If they differ.
+            TroubleError: If they differ.
         """
         ...
 
     def recover(self, ref: ArtifactRef) -> bool:
-        """Finish a commit that was cut short, if all of the artifact is at hand; gives whether it exists now."""
+        """Finish or take back a commit that was cut short, if all is at hand; gives whether it exists now."""
         ...
 
-    def check_writable(self) -> None:
+    def mend(self, ref: ArtifactRef) -> bool:
+        """Make a damaged artifact whole from what is at hand, without making it again; gives whether that worked."""
+        ...
+
+    def sweep(self) -> None:
+        """Clear away what dead processes left."""
+        ...
+
+    def check_writable(self, ref: ArtifactRef) -> None:
         """Find out before the work, not after it, whether its result could be kept.
 
         Raises:
-            StoreNotWritable: If not.
+            StoreNotWritable: If not; or the OSError that tells why.
         """
         ...
 
@@ -70,6 +98,42 @@ class Backend(Protocol):
         """
         ...
 
-    def remove(self, ref: ArtifactRef) -> None:
-        """Take an artifact away, whole or damaged; it is invisible before its first file goes."""
+    def set_aside(self, ref: ArtifactRef) -> str:
+        """Take an artifact out of the store, unchanged; gives where it is now."""
         ...
+
+    def asides(self, ref: ArtifactRef) -> list[str]:
+        """What was set aside of an artifact, oldest first."""
+        ...
+
+
+def read_manifest(backend: Backend, ref: ArtifactRef) -> Manifest:
+    """Description of a committed artifact.
+
+    Raises:
+        TroubleError: If the manifest is missing, altered, that of another artifact, or cannot be read.
+    """
+    return parse_manifest(backend.read(ref), ref)
+
+
+def parse_manifest(content: bytes, ref: ArtifactRef) -> Manifest:
+    """Read the manifest that should be that of ``ref``.
+
+    Raises:
+        TroubleError: If it is altered, that of another artifact, or of a later juicer.
+    """
+    try:
+        manifest = Manifest.from_text(content.decode("utf-8"))
+    except AnotherVersionError as error:
+        raise unreadable(f"file '{MANIFEST_NAME}' is unusable: {error}", "use the juicer that wrote it") from None
+    except ValueError as error:
+        raise damaged(f"file '{MANIFEST_NAME}' is unusable: {printable(error)}") from None
+    if manifest.ref != ref:
+        raise damaged(f"file '{MANIFEST_NAME}' is that of {manifest.ref}")
+    return manifest
+
+
+def salvage_manifest(content: bytes, ref: ArtifactRef) -> Manifest | None:
+    """What the altered manifest of ``ref`` said, if that can be told for certain."""
+    manifest = Manifest.salvage(content.decode("utf-8", errors="replace"))
+    return manifest if manifest is not None and manifest.ref == ref else None

@@ -2,51 +2,71 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import stat
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
+from juicer.artifacts.findings import Finding, Nature, is_litter
 from juicer.artifacts.manifest import MANIFEST_NAME, FileEntry
 from juicer.errors import ArtifactError
-
-
-class DamageError(Exception):
-    """Files of an artifact are not what they should be; the message is a clause that names the file."""
-
-
-class UnreadableError(DamageError):
-    """A file that may be whole cannot be read."""
+from juicer.reading import open_plain
+from juicer.text import printable
 
 
 def describe_files(folder: Path) -> tuple[FileEntry, ...]:
-    """Hash every file below ``folder`` except its manifest, sorted by path.
+    """Hash every file below ``folder`` except its manifest and an operating system's litter, sorted by path.
 
     Raises:
         ArtifactError: If something else than plain files is there, which no hash could vouch for.
+        OSError: If something cannot be read.
     """
-    paths = sorted(_payload(folder))
+    entries = [entry for entry in _walk(folder) if not entry.is_folder and not entry.is_litter]
+    paths = sorted(entry.path for entry in entries if entry.path != MANIFEST_NAME)
     for path in paths:
         if not _is_plain(folder / path):
-            raise ArtifactError(f"'{path}' cannot be part of an artifact: only plain files can")
+            raise ArtifactError(f"'{printable(path)}' cannot be part of an artifact: only plain files can")
     return tuple(_describe(folder, path) for path in paths)
 
 
-def find_problems(folder: Path, expected: Sequence[FileEntry]) -> list[str]:
-    """Compare a folder with the files it should hold; every difference is one clause that names the file."""
-    known = {entry.path for entry in expected}
-    extra = sorted(set(_payload(folder)) - known)
-    problems = [problem for entry in expected if (problem := _find_problem(folder, entry))]
-    return problems + [f"file '{path}' does not belong to it" for path in extra]
+def find_problems(folder: Path, expected: Sequence[FileEntry]) -> list[Finding]:
+    """Compare a folder with the files it should hold; every difference is one finding that names the file."""
+    known = {entry.path for entry in expected} | {MANIFEST_NAME}
+    needed = _folders_above(known)
+    unread: list[Finding] = []
+    present = sorted(_walk(folder, unread, known | needed))
+    inhabited = _folders_above(entry.path for entry in present)
+    findings = [finding for entry in expected if (finding := _compare(folder, entry))]
+    for entry in present:
+        if entry.path in needed and not entry.is_folder:
+            findings.append(Finding(Nature.DAMAGE, f"folder '{printable(entry.path)}' was replaced by something else"))
+        elif entry.path not in known | needed | inhabited:
+            findings.append(describe_extra(entry.path, is_folder=entry.is_folder))
+    return findings + unread
+
+
+def wrong_size(entry: FileEntry, size: int) -> Finding:
+    """A file that has another size than it should have."""
+    return Finding(Nature.DAMAGE, f"file '{printable(entry.path)}' has {size} bytes instead of {entry.bytes}")
+
+
+def describe_extra(path: str, *, is_folder: bool = False) -> Finding:
+    """Something that does not belong to an artifact."""
+    # Nothing can be read from an empty folder.
+    nature = Nature.LITTER if is_folder or any(map(is_litter, path.split("/"))) else Nature.STRAY
+    return Finding(nature, f"{'folder' if is_folder else 'file'} '{printable(path)}' does not belong to it")
 
 
 def sync_tree(folder: Path) -> None:
     """Force every file and folder from ``folder`` downwards onto the disk."""
-    for parent, _, names in os.walk(folder):
-        for name in names:
-            sync(Path(parent, name))
-        sync(Path(parent))
+    for entry in _walk(folder):
+        # What is no plain file was refused before, or is litter.
+        if entry.is_folder or _is_plain(folder / entry.path):
+            sync(folder / entry.path)
+    sync(folder)
 
 
 def sync(path: Path) -> None:
@@ -58,30 +78,63 @@ def sync(path: Path) -> None:
         os.close(descriptor)
 
 
-def _find_problem(folder: Path, entry: FileEntry) -> str | None:
-    path = folder / entry.path
+def _compare(folder: Path, entry: FileEntry) -> Finding | None:
+    path, name = folder / entry.path, printable(entry.path)
     try:
         if not _is_plain(path):
-            return f"file '{entry.path}' was replaced by something else"
+            return Finding(Nature.DAMAGE, f"file '{name}' was replaced by something else")
         if (size := path.stat().st_size) != entry.bytes:
-            return f"file '{entry.path}' has {size} bytes instead of {entry.bytes}"
+            return wrong_size(entry, size)
         if _describe(folder, entry.path) != entry:
-            return f"file '{entry.path}' has other content than when it was written"
+            return Finding(Nature.DAMAGE, f"file '{name}' has other content than when it was written")
     except (FileNotFoundError, NotADirectoryError):
-        return f"file '{entry.path}' is missing"
+        return Finding(Nature.DAMAGE, f"file '{name}' is missing")
     except OSError as error:
-        return f"file '{entry.path}' cannot be read ({error.strerror})"
+        # What the disk itself has lost is lost; what somebody forbids is not.
+        nature = Nature.DAMAGE if error.errno == errno.EIO else Nature.UNREADABLE
+        return Finding(nature, f"file '{name}' cannot be read ({error.strerror})")
     return None
 
 
-def _payload(folder: Path) -> Iterator[str]:
-    """POSIX paths of all that is neither a folder nor the manifest."""
-    for parent, folders, names in os.walk(folder):
-        links = [name for name in folders if Path(parent, name).is_symlink()]
-        for name in names + links:
-            path = Path(parent, name).relative_to(folder).as_posix()
-            if path != MANIFEST_NAME:
-                yield path
+class _Entry(NamedTuple):
+    """What lies below a folder: POSIX path within it; links count as files, and litter is not looked into."""
+
+    path: str
+    is_folder: bool
+    is_litter: bool
+
+
+def _walk(folder: Path, unread: list[Finding] | None = None, wanted: Collection[str] = frozenset()) -> Iterator[_Entry]:
+    """Everything below a folder.
+
+    Args:
+        folder: Where to begin.
+        unread: Gets a finding for every folder that cannot be read; without it, that raises.
+        wanted: Paths that are no litter, whatever their names.
+    """
+    waiting = [""]
+    while waiting:
+        parent = waiting.pop()
+        try:
+            with os.scandir(folder / parent) as children:
+                entries = [_Entry(parent + each.name, each.is_dir(follow_symlinks=False), False) for each in children]
+        except OSError as error:
+            if unread is None:
+                raise
+            where = f"folder '{printable(parent.rstrip('/'))}'" if parent else "its folder"
+            unread.append(Finding(Nature.UNREADABLE, f"{where} cannot be read ({error.strerror})"))
+            continue
+        for entry in entries:
+            if entry.path not in wanted and is_litter(PurePosixPath(entry.path).name):
+                yield entry._replace(is_litter=True)
+                continue
+            yield entry
+            if entry.is_folder:
+                waiting.append(f"{entry.path}/")
+
+
+def _folders_above(paths: Iterable[str]) -> set[str]:
+    return {str(folder) for path in paths for folder in PurePosixPath(path).parents} - {"."}
 
 
 def _is_plain(path: Path) -> bool:
@@ -89,6 +142,6 @@ def _is_plain(path: Path) -> bool:
 
 
 def _describe(folder: Path, path: str) -> FileEntry:
-    with (folder / path).open("rb") as file:
+    with open_plain(folder / path) as file:
         digest = hashlib.file_digest(file, "sha256")
         return FileEntry(path, file.tell(), digest.hexdigest())

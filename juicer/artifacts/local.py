@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
+import logging
+import os
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
-from juicer.artifacts.integrity import DamageError, UnreadableError, find_problems, sync, sync_tree
-from juicer.artifacts.manifest import MANIFEST_NAME, Manifest
-from juicer.artifacts.ref import ArtifactRef
-from juicer.artifacts.workspace import Workspace, delete_tree, discard_tree
+from juicer.artifacts.backend import ASIDE, parse_manifest, salvage_manifest
+from juicer.artifacts.findings import (
+    Finding,
+    Listing,
+    TroubleError,
+    damaged,
+    is_as_written,
+    raise_worst,
+    unreadable,
+)
+from juicer.artifacts.integrity import find_problems, sync, sync_tree
+from juicer.artifacts.manifest import MANIFEST_NAME, MOST_BYTES, Manifest
+from juicer.artifacts.ref import KINDS, ArtifactRef, is_id
+from juicer.artifacts.workspace import Workspace, discard_tree
+from juicer.errors import ArtifactError
+from juicer.reading import UnsuitableFile, read_bounded
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -27,58 +45,127 @@ class LocalBackend:
         """Where the artifact is, or would be."""
         return self.root / ref.kind / ref.id
 
-    def refs(self, kinds: Iterable[str]) -> list[ArtifactRef]:
-        """Every artifact of the kinds, sorted."""
-        folders = [folder for kind in kinds for folder in self.root.glob(f"{kind}/*/")]
-        return sorted(ArtifactRef(folder.parent.name, folder.name) for folder in folders)
+    def address(self, ref: ArtifactRef) -> str:
+        """Its folder."""
+        return str(self.folder(ref))
+
+    def is_there(self) -> bool:
+        """Whether there is something at the root."""
+        return os.path.lexists(self.root)
+
+    def survey(self, kinds: Iterable[str]) -> Listing:
+        """Every artifact of the kinds, and where there may be more that cannot be looked at.
+
+        Whatever is named like an artifact takes its place, and counts as one that may be damaged; nothing else does.
+        """
+        refs: list[ArtifactRef] = []
+        unseen: list[str] = []
+        for kind in kinds:
+            try:
+                with os.scandir(self.root / kind) as entries:
+                    refs += [ArtifactRef(kind, entry.name) for entry in entries if is_id(entry.name)]
+            except OSError as error:
+                if self._may_hide(self.root / kind, error):
+                    unseen.append(f"folder '{_blocking(self.root / kind)}' cannot be read ({error.strerror})")
+        return Listing(tuple(sorted(refs)), tuple(dict.fromkeys(unseen)))
 
     def exists(self, ref: ArtifactRef) -> bool:
-        """Whether the artifact was committed; says nothing about damage since."""
-        return self.folder(ref).is_dir()
-
-    def read_manifest(self, ref: ArtifactRef) -> Manifest:
-        """Description of a committed artifact; see :class:`~juicer.artifacts.backend.Backend`."""
+        """Whether there is something in the artifact's place."""
         try:
-            content = (self.folder(ref) / MANIFEST_NAME).read_bytes()
+            os.lstat(self.folder(ref))
         except (FileNotFoundError, NotADirectoryError):
-            raise DamageError(f"file '{MANIFEST_NAME}' is missing") from None
-        except IsADirectoryError:
-            raise DamageError(f"file '{MANIFEST_NAME}' was replaced by something else") from None
+            return False
         except OSError as error:
-            raise UnreadableError(f"file '{MANIFEST_NAME}' cannot be read ({error.strerror})") from None
-        return parse_manifest(content, ref)
+            place = _blocking(self.folder(ref).parent)
+            raise unreadable(f"folder '{place}' cannot be read ({error.strerror})") from None
+        return True
 
-    def problems(self, ref: ArtifactRef) -> list[str]:
-        """Every way in which a committed artifact differs from its manifest, one clause each."""
-        try:
-            manifest = self.read_manifest(ref)
-        except DamageError as damage:
-            return [str(damage)]
-        return find_problems(self.folder(ref), manifest.files)
+    def read(self, ref: ArtifactRef) -> bytes:
+        """Manifest of a committed artifact as it was written; see :class:`~juicer.artifacts.backend.Backend`."""
+        return _read(self.folder(ref))
+
+    def problems(self, ref: ArtifactRef) -> list[Finding]:
+        """Everything that is wrong with a committed artifact."""
+        findings = _problems_in(self.folder(ref), ref)
+        if is_as_written(findings):
+            return findings
+        # It may have been replaced while it was looked at.
+        again = _problems_in(self.folder(ref), ref)
+        return again if is_as_written(again) else findings
 
     def open(self, ref: ArtifactRef) -> Path:
         """Folder of the artifact, compared with its manifest; see :class:`~juicer.artifacts.backend.Backend`."""
-        if problems := self.problems(ref):
-            raise DamageError(problems[0])
+        raise_worst(self.problems(ref))
         return self.folder(ref)
 
     def recover(self, ref: ArtifactRef) -> bool:
-        """Nothing to finish: a rename happens or does not."""
-        return self.exists(ref)
+        """Put an artifact back whose successor was never published."""
+        grave = self.work.grave(ref)
+        if self.exists(ref) or not grave.is_dir():
+            return self.exists(ref)
+        # What is not whole was about to be deleted, after its successor had been published.
+        if not is_as_written(_problems_in(grave, ref)):
+            return False
+        self.folder(ref).parent.mkdir(parents=True, exist_ok=True)
+        grave.rename(self.folder(ref))
+        return True
 
-    def check_writable(self) -> None:
-        """Nothing to try: the draft's folder is made in the same place."""
+    def mend(self, ref: ArtifactRef) -> bool:
+        """Write the manifest anew whose content is whole by its own checksum, though not its text."""
+        try:
+            content = self.read(ref)
+        except TroubleError:
+            return False
+        manifest = salvage_manifest(content, ref)
+        if manifest is None or manifest.to_text().encode() == content:
+            return False
+        (self._room_aside(ref) / MANIFEST_NAME).write_bytes(content)
+        path = self.folder(ref) / MANIFEST_NAME
+        # Its name is that of litter, should a kill leave it there.
+        draft = path.with_name(f".#{path.name}")
+        draft.write_text(manifest.to_text(), encoding="utf-8")
+        sync(draft)
+        draft.replace(path)
+        sync(path.parent)
+        return True
+
+    def sweep(self) -> None:
+        """Clear away what dead processes left; an artifact whose successor was never published comes back."""
+        try:
+            self.work.sweep(self._made_at)
+            for ref in self.work.graves():
+                with self.work.lock_if_free(ref.id) as is_held:
+                    if is_held:
+                        self.recover(ref)
+                        discard_tree(self.work.grave(ref))
+        except OSError as error:
+            logger.warning("what earlier runs left in '%s' cannot be cleared away: %s", self.work.root, error.strerror)
+
+    def check_writable(self, ref: ArtifactRef) -> None:
+        """Move an empty folder to where the artifact will appear, and back."""
+        draft, probe = self.work.draft(ref.id), self.folder(ref).with_name(f".{ref.id}")
+        probe.parent.mkdir(parents=True, exist_ok=True)
+        draft.mkdir(parents=True, exist_ok=True)
+        draft.rename(probe)
+        probe.rename(draft)
+        draft.rmdir()
 
     def commit(self, draft: Path, manifest: Manifest, *, replacing: bool = False) -> None:
         """Publish a draft: everything reaches the disk, and only then one rename makes it visible.
 
         If it replaces an artifact, that one goes only now, and comes back if the rename fails.
         """
-        (draft / MANIFEST_NAME).write_text(manifest.to_text(), encoding="utf-8")
+        text = manifest.to_text()
+        if len(text) > MOST_BYTES:
+            raise ArtifactError(
+                f"{manifest.ref} has {len(manifest.files):,} files, more than a manifest can name; make smaller ones"
+            )
+        (draft / MANIFEST_NAME).write_text(text, encoding="utf-8")
         sync_tree(draft)
-        target = self.folder(manifest.ref)
+        ref = manifest.ref
+        target = self.folder(ref)
         target.parent.mkdir(parents=True, exist_ok=True)
-        old = self._bury(manifest.ref) if target.exists() else None
+        old = self._clear(ref) if self.exists(ref) else None
         try:
             draft.rename(target)
         except BaseException:
@@ -87,32 +174,87 @@ class LocalBackend:
             raise
         sync(target.parent)
         sync(self.root)
-        if old:
+        if old == self.work.grave(ref):
             discard_tree(old)
+        elif old:
+            logger.warning("what lay in the place of %s was not as it was written; it is kept in '%s'", ref, old)
 
-    def remove(self, ref: ArtifactRef) -> None:
-        """Take an artifact away: one rename makes it invisible, then delete it."""
-        delete_tree(self._bury(ref))
+    def set_aside(self, ref: ArtifactRef) -> str:
+        """Move an artifact out of the store, unchanged."""
+        return str(self._move_aside(ref))
 
-    def _bury(self, ref: ArtifactRef) -> Path:
-        """Move an artifact to where a sweep would find it, if its deletion is cut short."""
-        grave = self.work.grave(ref.id)
-        delete_tree(grave)
+    def asides(self, ref: ArtifactRef) -> list[str]:
+        """What was set aside of an artifact, oldest first."""
+        holder = self.root / ASIDE / ref.kind / ref.id
+        with suppress(OSError):
+            return [str(path) for path in sorted(holder.iterdir(), key=lambda path: (len(path.name), path.name))]
+        return []
+
+    def _clear(self, ref: ArtifactRef) -> Path:
+        """Make room for a successor; gives where the artifact waits, to be deleted or kept."""
+        if not is_as_written(self.problems(ref)):
+            return self._move_aside(ref)
+        grave = self.work.grave(ref)
+        discard_tree(grave)
         grave.parent.mkdir(parents=True, exist_ok=True)
         self.folder(ref).rename(grave)
         return grave
 
+    def _move_aside(self, ref: ArtifactRef) -> Path:
+        folder, room = self.folder(ref), self._room_aside(ref)
+        # A folder takes the place of an empty one; what else may stand there does not.
+        aside = room / ref.id if folder.is_symlink() or not folder.is_dir() else room
+        try:
+            return folder.rename(aside)
+        except OSError:
+            room.rmdir()
+            raise
 
-def parse_manifest(content: bytes, ref: ArtifactRef) -> Manifest:
-    """Read the manifest that should be that of ``ref``.
+    def _room_aside(self, ref: ArtifactRef) -> Path:
+        """A new and empty folder for what must not be deleted."""
+        holder = self.root / ASIDE / ref.kind / ref.id
+        holder.mkdir(parents=True, exist_ok=True)
+        for number in count(1):
+            with suppress(FileExistsError):
+                (holder / str(number)).mkdir()
+                break
+        return holder / str(number)
 
-    Raises:
-        DamageError: If it is altered, or that of another artifact.
-    """
+    def _may_hide(self, folder: Path, error: OSError) -> bool:
+        """Whether there may be something in a folder although it cannot be listed: not if there is no such folder."""
+        is_absent = isinstance(error, FileNotFoundError) and not os.path.lexists(folder)
+        return not is_absent or (os.path.lexists(self.root) and not self.root.is_dir())
+
+    def _made_at(self, identity: str) -> float | None:
+        for kind in KINDS:
+            with suppress(OSError):
+                return (self.root / kind / identity / MANIFEST_NAME).stat().st_mtime
+        return None
+
+
+def _read(folder: Path) -> bytes:
     try:
-        manifest = Manifest.from_text(content.decode("utf-8"))
-    except ValueError as error:
-        raise DamageError(f"file '{MANIFEST_NAME}' is unusable: {error}") from None
-    if manifest.ref != ref:
-        raise DamageError(f"file '{MANIFEST_NAME}' is that of {manifest.ref}")
-    return manifest
+        return read_bounded(folder / MANIFEST_NAME, MOST_BYTES)
+    except (FileNotFoundError, NotADirectoryError):
+        if not folder.is_dir():
+            raise damaged("something else stands in the place of its folder") from None
+        raise damaged(f"file '{MANIFEST_NAME}' is missing") from None
+    except UnsuitableFile as error:
+        raise damaged(f"file '{MANIFEST_NAME}' is unusable: {error.strerror}") from None
+    except OSError as error:
+        raise unreadable(f"file '{MANIFEST_NAME}' cannot be read ({error.strerror})") from None
+
+
+def _problems_in(folder: Path, ref: ArtifactRef) -> list[Finding]:
+    try:
+        return find_problems(folder, parse_manifest(_read(folder), ref).files)
+    except TroubleError as trouble:
+        return [trouble.finding]
+
+
+def _blocking(folder: Path) -> Path:
+    """The topmost folder on the way to a folder that cannot be entered, or is none; else that folder itself."""
+    for each in reversed(folder.parents):
+        if not each.is_dir() or not os.access(each, os.X_OK):
+            return each
+    return folder

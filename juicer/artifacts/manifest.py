@@ -9,15 +9,30 @@ import os
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from datetime import datetime
+from pathlib import PurePosixPath
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from juicer import __version__
 from juicer.artifacts.recipe import Recipe
-from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.ref import ID_LENGTH, KINDS, ArtifactRef
 from juicer.config import canonical_json
+from juicer.text import printable
 
 SCHEMA_VERSION = 1
 MANIFEST_NAME = "manifest.json"
+MOST_BYTES = 2**24
+"""Of a manifest: a hundred thousand files."""
+DEEPEST = 64
+"""Levels within a manifest; its own are five, a configuration's about ten."""
+LONGEST_FACT = 2000
+"""Letters of one fact in a summary."""
+
+
+class AnotherVersionError(ValueError):
+    """A manifest was written by a later juicer."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +40,7 @@ class FileEntry:
     """One file of an artifact: POSIX path within it, size in bytes, SHA-256 in hexadecimal digits.
 
     Raises:
-        ValueError: If the path leads out of the artifact, as a forged manifest might.
+        ValueError: If the path leads out of the artifact, as that of a forged manifest might, or is none.
     """
 
     path: str
@@ -35,7 +50,9 @@ class FileEntry:
     def __post_init__(self) -> None:
         """Check the path."""
         if self.path.startswith("/") or ".." in self.path.split("/"):
-            raise ValueError(f"'{self.path}' leads out of the artifact")
+            raise ValueError(f"'{printable(self.path)}' leads out of the artifact")
+        if "\0" in self.path or self.path in ("", ".") or str(PurePosixPath(self.path)) != self.path:
+            raise ValueError(f"'{printable(self.path)}' is no path of a file")
 
 
 @dataclass(frozen=True)
@@ -92,22 +109,89 @@ class Manifest:
         """Read a manifest.
 
         Raises:
-            ValueError: If the text is not exactly what :meth:`to_text` wrote, or has another schema version.
+            AnotherVersionError: If a later juicer wrote it.
+            ValueError: If the text is not exactly what :meth:`to_text` wrote.
+        """
+        manifest = cls._read(text)
+        if manifest.to_text() != text:
+            raise ValueError("its text does not match its checksum")
+        return manifest
+
+    @classmethod
+    def salvage(cls, text: str) -> Manifest | None:
+        """What a manifest said whose content is whole by its own checksum, though not its text.
+
+        An editor may have changed the line ends, or something may have been written behind it.
         """
         try:
-            body = json.loads(text)
-            version, _ = body["schema_version"], body.pop("sha256")
-        except (KeyError, TypeError, json.JSONDecodeError):
-            raise ValueError("it is not a manifest") from None
-        if version != SCHEMA_VERSION:
-            raise ValueError(f"it has schema version {version}, this juicer reads {SCHEMA_VERSION}")
-        if _seal(body) != text:
+            return cls._read(text.lstrip("\ufeff \t\r\n"))
+        except ValueError:
+            return None
+
+    @classmethod
+    def _read(cls, text: str) -> Manifest:
+        """The manifest that a text begins with."""
+        body = _parse(text)
+        version, stated = body.get("schema_version"), body.pop("sha256", None)
+        if isinstance(version, int) and version > SCHEMA_VERSION:
+            altered = _digest({**body, "schema_version": SCHEMA_VERSION}) == stated
+            error_type = ValueError if altered else AnotherVersionError
+            raise error_type(f"it has schema version {version}, this juicer reads {SCHEMA_VERSION}")
+        if stated is None or version != SCHEMA_VERSION:
+            raise ValueError("it is not a manifest")
+        if _digest(body) != stated:
             raise ValueError("its text does not match its checksum")
-        return cls(
-            recipe=Recipe.from_json(body.pop("recipe")),
-            files=tuple(FileEntry(**entry) for entry in body.pop("files")),
-            **body,
-        )
+        try:
+            _Body.model_validate(body)
+        except ValidationError as error:
+            where = ".".join(map(str, error.errors()[0]["loc"]))
+            raise ValueError(f"its entry '{printable(where)}' is not what juicer writes") from None
+        files = tuple(FileEntry(**entry) for entry in body.pop("files"))
+        return cls(recipe=Recipe.from_json(body.pop("recipe")), files=files, **body)
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class _FileBody(_Record):
+    path: str
+    bytes: Annotated[int, Field(ge=0)]
+    sha256: str
+
+
+_Kind = Annotated[str, Field(pattern=f"^({'|'.join(KINDS)})$")]
+_Ref = Annotated[str, Field(pattern=f"^({'|'.join(KINDS)})/[0-9a-f]{{{ID_LENGTH}}}$")]
+
+
+class _RecipeBody(_Record):
+    stage: str
+    kind: _Kind
+    inputs: dict[str, list[_Ref]]
+    config: dict[str, Any]
+    code: str
+    files: dict[str, str]
+    libraries: dict[str, str]
+    modules: dict[str, str] = {}
+
+
+def _with_offset(text: str) -> str:
+    if datetime.fromisoformat(text).tzinfo is None:
+        raise ValueError("no offset")
+    return text
+
+
+class _Body(_Record):
+    """Types of a manifest's content: a shared store may hold what somebody else composed and sealed."""
+
+    schema_version: int
+    recipe: _RecipeBody
+    files: list[_FileBody]
+    summary: dict[str, Any]
+    host: dict[str, Any]
+    started: Annotated[str, AfterValidator(_with_offset)]
+    finished: Annotated[str, AfterValidator(_with_offset)]
+    seconds: FiniteFloat
 
 
 def describe_host() -> dict[str, Any]:
@@ -122,19 +206,48 @@ def describe_host() -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """``value`` as strict JSON: NumPy scalars become numbers, NaN and infinities ``None``."""
+    """``value`` as strict JSON: numbers of NumPy become plain ones, NaN and infinities ``None``, texts printable."""
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {printable(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     if hasattr(value, "tolist"):
         return plain(value.tolist())
     if isinstance(value, float) and not math.isfinite(value):
         return None
-    return value
+    return printable(value, LONGEST_FACT) if isinstance(value, str) else value
 
 
 def _seal(body: Mapping[str, Any]) -> str:
     """The one text of a manifest: it holds its own SHA-256, so that no byte of it can change unnoticed."""
-    digest = hashlib.sha256(canonical_json(body).encode()).hexdigest()
-    return json.dumps({**body, "sha256": digest}, indent=1, sort_keys=True, allow_nan=False) + "\n"
+    return json.dumps({**body, "sha256": _digest(body)}, indent=1, sort_keys=True, allow_nan=False) + "\n"
+
+
+def _digest(body: Mapping[str, Any]) -> str:
+    return hashlib.sha256(canonical_json(body).encode()).hexdigest()
+
+
+def _parse(text: str) -> dict[str, Any]:
+    """The JSON object that a text begins with.
+
+    Raises:
+        ValueError: If there is none, or one that no manifest is.
+    """
+    try:
+        body, _ = json.JSONDecoder().raw_decode(text)
+        # Numbers that JSON does not know, or that are infinite.
+        json.dumps(body, allow_nan=False)
+        levels: list[Any] = [body]
+        for _ in range(DEEPEST):
+            levels = [child for value in levels for child in _children(value)]
+    except (ValueError, RecursionError):
+        raise ValueError("it is not a manifest") from None
+    if not isinstance(body, dict) or levels:
+        raise ValueError("it is not a manifest")
+    return body
+
+
+def _children(value: Any) -> list[Any]:
+    if isinstance(value, dict):
+        return list(value.values())
+    return value if isinstance(value, list) else []

@@ -14,6 +14,11 @@ ID_LENGTH = 16
 _ID = re.compile(rf"[0-9a-f]{{{ID_LENGTH}}}")
 
 
+def is_id(name: str) -> bool:
+    """Whether a name is that of an artifact; whatever else lies in a store is not juicer's business."""
+    return _ID.fullmatch(name) is not None
+
+
 @dataclass(frozen=True, order=True)
 class ArtifactRef:
     """Kind and id of an artifact; reads ``episodes/0123456789abcdef``."""
@@ -35,6 +40,6 @@ class ArtifactRef:
         kind, _, identity = text.partition("/")
         if kind not in KINDS:
             raise ArtifactNotFound(f"'{text}' names no kind of artifact{did_you_mean(kind, KINDS)}")
-        if not _ID.fullmatch(identity):
+        if not is_id(identity):
             raise ArtifactNotFound(f"'{text}' must be a kind and an id of {ID_LENGTH} hexadecimal digits")
         return cls(kind, identity)

@@ -17,12 +17,24 @@ from typing import Any
 
 import fsspec
 
-from juicer.artifacts.integrity import DamageError, find_problems
-from juicer.artifacts.local import LocalBackend, parse_manifest
-from juicer.artifacts.manifest import MANIFEST_NAME, FileEntry, Manifest
-from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.backend import ASIDE, read_manifest, salvage_manifest
+from juicer.artifacts.findings import (
+    Finding,
+    Listing,
+    Nature,
+    TroubleError,
+    damaged,
+    is_as_written,
+    raise_worst,
+)
+from juicer.artifacts.integrity import describe_extra, find_problems, wrong_size
+from juicer.artifacts.local import LocalBackend
+from juicer.artifacts.manifest import MANIFEST_NAME, MOST_BYTES, FileEntry, Manifest
+from juicer.artifacts.ref import ArtifactRef, is_id
 from juicer.artifacts.workspace import Workspace, delete_tree
+from juicer.artifacts.writing import is_of_disk
 from juicer.errors import ArtifactError, ConfigError, StoreNotWritable
+from juicer.text import printable
 
 logger = logging.getLogger(__name__)
 
@@ -39,40 +51,47 @@ class RemoteBackend:
         """Hidden folders in the cache."""
         return self.cache.work
 
-    def refs(self, kinds: Iterable[str]) -> list[ArtifactRef]:
-        """Every artifact of the kinds, sorted."""
+    def is_there(self) -> bool:
+        """Whether there is an object below the address."""
         with self._talking(ArtifactError, "read"):
-            paths = [path for kind in kinds for path in self._fs.glob(f"{self._base}/{kind}/*/{MANIFEST_NAME}")]
-        return sorted(ArtifactRef(*path.split("/")[-3:-1]) for path in paths)
+            return bool(self._fs.exists(self._base))
+
+    def survey(self, kinds: Iterable[str]) -> Listing:
+        """Every artifact of the kinds; objects under other names are not juicer's business."""
+        with self._talking(ArtifactError, "read"):
+            refs = [ArtifactRef(kind, name) for kind in kinds for name in self._names(f"{self._base}/{kind}")]
+            return Listing(tuple(sorted(ref for ref in refs if is_id(ref.id) and self.exists(ref))))
 
     def exists(self, ref: ArtifactRef) -> bool:
         """Whether the artifact was committed; says nothing about damage since."""
         with self._talking(ArtifactError, "read"):
             return bool(self._fs.exists(self._manifest_path(ref)))
 
-    def read_manifest(self, ref: ArtifactRef) -> Manifest:
-        """Description of a committed artifact; see :class:`~juicer.artifacts.backend.Backend`."""
+    def address(self, ref: ArtifactRef) -> str:
+        """Its URL."""
+        return f"{self.url.rstrip('/')}/{ref}"
+
+    def read(self, ref: ArtifactRef) -> bytes:
+        """Manifest of a committed artifact as it was written; see :class:`~juicer.artifacts.backend.Backend`."""
+        path = self._manifest_path(ref)
         with self._talking(ArtifactError, "read"):
             try:
-                content = self._fs.cat_file(self._manifest_path(ref))
+                if self._fs.info(path)["type"] != "file":
+                    raise damaged(f"file '{MANIFEST_NAME}' was replaced by something else")
+                if self._fs.info(path)["size"] > MOST_BYTES:
+                    raise damaged(f"file '{MANIFEST_NAME}' is unusable: it is larger than {MOST_BYTES:,} bytes")
+                return bytes(self._fs.cat_file(path))
             except FileNotFoundError:
-                raise DamageError(f"file '{MANIFEST_NAME}' is missing") from None
-        return parse_manifest(content, ref)
+                raise damaged(f"file '{MANIFEST_NAME}' is missing") from None
 
-    def problems(self, ref: ArtifactRef) -> list[str]:
+    def problems(self, ref: ArtifactRef) -> list[Finding]:
         """Download everything and compare it with the manifest."""
         with self.work.lock(ref.id):
-            try:
-                manifest = self.read_manifest(ref)
-                return self._download(manifest)
-            except DamageError as damage:
-                return [str(damage)]
-            finally:
-                delete_tree(self.work.draft(ref.id))
+            return self._inspect(ref)
 
     def open(self, ref: ArtifactRef) -> Path:
         """Cached copy, downloaded unless it is there and whole; see :class:`~juicer.artifacts.backend.Backend`."""
-        manifest = self.read_manifest(ref)
+        manifest = read_manifest(self, ref)
         if not self._is_cached(manifest):
             with self.work.lock(ref.id):
                 # Another process may have downloaded it while this one waited.
@@ -84,16 +103,40 @@ class RemoteBackend:
         """Upload a finished artifact of the cache whose upload was cut short."""
         if self.exists(ref):
             return True
-        if not self.cache.exists(ref):
+        if not self.cache.recover(ref):
             return False
-        if self.cache.problems(ref):
-            self.cache.remove(ref)
+        if not _is_usable(self.cache.problems(ref)):
+            self.cache.set_aside(ref)
             return False
-        self._publish(self.cache.read_manifest(ref))
+        self._publish(read_manifest(self.cache, ref))
         return True
 
-    def check_writable(self) -> None:
-        """Write and delete a small object."""
+    def mend(self, ref: ArtifactRef) -> bool:
+        """Upload the cached copy again if it is whole; or write the manifest anew, whose content may be."""
+        try:
+            content = self.read(ref)
+        except TroubleError:
+            content = b""
+        manifest = salvage_manifest(content, ref)
+        if self.cache.exists(ref) and _is_usable(self.cache.problems(ref)):
+            cached = read_manifest(self.cache, ref)
+            if manifest in (None, cached):
+                self._replace(cached)
+                return True
+        if manifest is None or manifest.to_text().encode() == content:
+            return False
+        with self._talking(StoreNotWritable, "written"):
+            self._fs.pipe_file(f"{self._room_aside(ref)}/{MANIFEST_NAME}", content)
+            self._fs.pipe_file(self._manifest_path(ref), manifest.to_text().encode())
+        return True
+
+    def sweep(self) -> None:
+        """Clear away what dead processes left in the cache."""
+        self.cache.sweep()
+
+    def check_writable(self, ref: ArtifactRef) -> None:
+        """Write and delete a small object, and try the cache."""
+        self.cache.check_writable(ref)
         probe = f"{self._base}/.work/{uuid.uuid4().hex}"
         with self._talking(StoreNotWritable, "written"):
             self._fs.pipe_file(probe, b"")
@@ -107,14 +150,43 @@ class RemoteBackend:
         else:
             self._publish(manifest)
 
-    def remove(self, ref: ArtifactRef) -> None:
-        """Delete the manifest, then the files, then the cached copy."""
+    def set_aside(self, ref: ArtifactRef) -> str:
+        """Copy all objects of an artifact, then delete the manifest, then the rest; the cached copy goes aside too."""
         with self._talking(StoreNotWritable, "written"):
-            for path in (self._manifest_path(ref), self._folder(ref)):
-                if self._fs.exists(path):
-                    self._fs.rm(path, recursive=True)
+            paths = self._fs.find(self._folder(ref))
+            aside = self._copy_aside(ref, paths)
+            for path in sorted(paths, key=lambda path: path != self._manifest_path(ref)):
+                self._fs.rm_file(path)
         if self.cache.exists(ref):
-            self.cache.remove(ref)
+            self.cache.set_aside(ref)
+        return aside
+
+    def asides(self, ref: ArtifactRef) -> list[str]:
+        """What was set aside of an artifact, oldest first."""
+        with self._talking(ArtifactError, "read"):
+            names = self._names(f"{self._base}/{ASIDE}/{ref}")
+        return [self._aside_address(ref, name) for name in sorted(names, key=lambda name: (len(name), name))]
+
+    def _copy_aside(self, ref: ArtifactRef, paths: Sequence[str]) -> str:
+        room = self._room_aside(ref)
+        for path in paths:
+            self._fs.cp_file(path, f"{room}/{path.removeprefix(self._folder(ref)).lstrip('/')}")
+        return self._aside_address(ref, room.rpartition("/")[2])
+
+    def _room_aside(self, ref: ArtifactRef) -> str:
+        """Where nothing was set aside before."""
+        return f"{self._base}/{ASIDE}/{ref}/{len(self._names(f'{self._base}/{ASIDE}/{ref}')) + 1}"
+
+    def _aside_address(self, ref: ArtifactRef, name: str) -> str:
+        return f"{self.url.rstrip('/')}/{ASIDE}/{ref}/{name}"
+
+    def _names(self, folder: str) -> list[str]:
+        """What lies directly below a path. A glob would take a refusal for an empty folder."""
+        try:
+            paths = self._fs.ls(folder, detail=False)
+        except FileNotFoundError:
+            return []
+        return sorted({str(path).rstrip("/").rpartition("/")[2] for path in paths})
 
     def _publish(self, manifest: Manifest) -> None:
         source, target = self.cache.folder(manifest.ref), self._payload(manifest)
@@ -126,45 +198,70 @@ class RemoteBackend:
                 return
             except FileExistsError:
                 logger.info("another machine finished %s first; its files are kept", manifest.ref)
-            if self.read_manifest(manifest.ref).content != manifest.content:
+            if read_manifest(self, manifest.ref).content != manifest.content:
                 self._fs.rm(target, recursive=True)
 
     def _replace(self, manifest: Manifest) -> None:
         """Upload an artifact in the place of another: its files, its manifest; what is left of the other goes last."""
         source, target, ref = self.cache.folder(manifest.ref), self._payload(manifest), manifest.ref
         kept = {MANIFEST_NAME, *(f"{manifest.content}/{entry.path}" for entry in manifest.files)}
+        is_whole = is_as_written(self._inspect(ref))
         with self._talking(StoreNotWritable, "written"):
             before = self._fs.find(self._folder(ref))
+            if not is_whole and before:
+                aside = self._copy_aside(ref, before)
+                logger.warning("what lay in the place of %s was not as it was written; it is kept in '%s'", ref, aside)
             self._fs.put(*_pairs(source, target, manifest.files))
             self._fs.pipe_file(self._manifest_path(ref), manifest.to_text().encode())
             if stale := [path for path in before if path.rpartition(f"{ref}/")[2] not in kept]:
                 self._fs.rm(stale)
 
+    def _inspect(self, ref: ArtifactRef) -> list[Finding]:
+        """See :meth:`problems`; needs the lock."""
+        try:
+            return self._download(read_manifest(self, ref))
+        except TroubleError as trouble:
+            return [trouble.finding]
+        finally:
+            delete_tree(self.work.draft(ref.id))
+
     def _is_cached(self, manifest: Manifest) -> bool:
         """Whether the cache holds this very artifact: a repaired one has the same id but another manifest."""
         ref = manifest.ref
-        return self.cache.exists(ref) and not self.cache.problems(ref) and self.cache.read_manifest(ref) == manifest
+        return (
+            self.cache.exists(ref)
+            and is_as_written(self.cache.problems(ref))
+            and read_manifest(self.cache, ref) == manifest
+        )
 
     def _cache(self, manifest: Manifest) -> None:
         draft = self.work.draft(manifest.ref.id)
-        if problems := self._download(manifest):
+        try:
+            raise_worst(self._download(manifest))
+        except TroubleError:
             delete_tree(draft)
-            raise DamageError(problems[0])
+            raise
         self.cache.commit(draft, manifest)
 
-    def _download(self, manifest: Manifest) -> list[str]:
+    def _download(self, manifest: Manifest) -> list[Finding]:
         """Fetch the files into the draft folder of the id; gives how they differ from the manifest."""
         draft, payload = self.work.draft(manifest.ref.id), self._payload(manifest)
         delete_tree(draft)
         draft.mkdir(parents=True)
         with self._talking(ArtifactError, "read"):
-            present = {path.rpartition(f"{manifest.content}/")[2] for path in self._fs.find(payload)}
-            wanted = [entry for entry in manifest.files if entry.path in present]
-            local, remote = _pairs(draft, payload, wanted)
+            found = self._fs.find(payload, detail=True)
+            sizes = {path.rpartition(f"{manifest.content}/")[2]: info["size"] for path, info in found.items()}
+            # Nobody knows how large an object is that is not what was written.
+            altered = [entry for entry in manifest.files if sizes.get(entry.path, entry.bytes) != entry.bytes]
+            expected = [entry for entry in manifest.files if sizes.get(entry.path, entry.bytes) == entry.bytes]
+            local, remote = _pairs(draft, payload, [entry for entry in expected if entry.path in sizes])
             self._fs.get(remote, local)
-        extra = present.difference(entry.path for entry in manifest.files)
-        problems = find_problems(draft, manifest.files)
-        return problems + [f"file '{path}' does not belong to it" for path in sorted(extra)]
+        extra = set(sizes).difference(entry.path for entry in manifest.files)
+        return [
+            *(wrong_size(entry, sizes[entry.path]) for entry in altered),
+            *find_problems(draft, expected),
+            *(describe_extra(path) for path in sorted(extra)),
+        ]
 
     @property
     def _fs(self) -> Any:
@@ -196,13 +293,20 @@ class RemoteBackend:
     def _talking(self, error_type: type[ArtifactError], verb: str) -> Iterator[None]:
         try:
             yield
-        except (ArtifactError, ConfigError, DamageError):
+        except (ArtifactError, ConfigError, TroubleError):
             raise
         # Each protocol brings its own exceptions, with no common base: refused, unreachable, timed out.
         except Exception as error:
-            reason = " ".join(str(error).split()) or type(error).__name__
+            if is_of_disk(error, self.cache.root):
+                raise
+            reason = printable(" ".join(str(error).split())) or type(error).__name__
             sentence = f"the artifact store '{self.url}' cannot be {verb}: {reason}"
             raise error_type(f"{sentence}; check its address, credentials and network") from error
+
+
+def _is_usable(findings: Sequence[Finding]) -> bool:
+    """Whether all files that belong to an artifact are as written; others do not matter to an upload."""
+    return all(finding.nature in (Nature.STRAY, Nature.LITTER) for finding in findings)
 
 
 def _pairs(folder: Path, prefix: str, entries: Sequence[FileEntry]) -> tuple[list[str], list[str]]:

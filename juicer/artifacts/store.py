@@ -4,28 +4,33 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from juicer.artifacts.backend import Backend
+from juicer.artifacts.backend import Backend, read_manifest
 from juicer.artifacts.draft import Draft
-from juicer.artifacts.integrity import DamageError, UnreadableError, describe_files
+from juicer.artifacts.findings import Finding, Listing, Nature, TroubleError
+from juicer.artifacts.integrity import describe_files
 from juicer.artifacts.local import LocalBackend
 from juicer.artifacts.manifest import Manifest, describe_host, plain
 from juicer.artifacts.recipe import Recipe
-from juicer.artifacts.ref import KINDS, ArtifactRef
+from juicer.artifacts.ref import ID_LENGTH, KINDS, ArtifactRef, is_id
 from juicer.artifacts.workspace import delete_tree, discard_tree
 from juicer.artifacts.writing import explained
 from juicer.errors import (
+    ArtifactError,
     ArtifactNotFound,
     DamagedArtifact,
+    StrayFile,
     UnreadableArtifact,
     WrongArtifactKind,
     did_you_mean,
 )
+from juicer.text import printable
 
 logger = logging.getLogger(__name__)
 
@@ -70,8 +75,21 @@ class ArtifactStore:
         return RemoteBackend(self.url, local)
 
     def find(self, recipe: Recipe) -> ArtifactRef | None:
-        """The artifact that the recipe makes, if it was made before."""
-        return recipe.ref if self._backend.exists(recipe.ref) else None
+        """The artifact that the recipe makes, if it was made before.
+
+        Raises:
+            UnreadableArtifact: If the disk does not let that be found out.
+        """
+        return recipe.ref if self.exists(recipe.ref) else None
+
+    def exists(self, ref: ArtifactRef) -> bool:
+        """Whether there is such an artifact, whole or damaged.
+
+        Raises:
+            UnreadableArtifact: If the disk does not let that be found out.
+        """
+        with self._explaining(ref):
+            return self._backend.exists(ref)
 
     @contextmanager
     def create(self, recipe: Recipe, *, replacing: bool = False) -> Iterator[Draft]:
@@ -83,34 +101,45 @@ class ArtifactStore:
 
         Args:
             recipe: What the artifact is made of.
-            replacing: Whether to make it even if it is there, e.g. damaged; the old one stays until the commit.
+            replacing: Whether to make it even if it is there, e.g. damaged; the old one stays until the commit. If
+                another process replaces it while this one waits, its work is adopted.
 
         Raises:
             StoreNotWritable: If a write is refused, in the block or at the commit.
+            UnreadableArtifact: If the disk does not let it be found out whether the artifact is there.
         """
         backend, ref = self._backend, recipe.ref
+        old = self._stamp(ref) if replacing else None
         with explained(self.cache), backend.work.lock(ref.id):
             draft = Draft(ref, backend.work.draft(ref.id), backend.work.scratch(ref.id))
-            if not replacing and backend.recover(ref):
+            with self._explaining(ref):
+                is_made = backend.recover(ref) and (not replacing or self._stamp(ref) != old)
+            if is_made:
                 draft.adopted = True
                 yield draft
             else:
-                backend.check_writable()
                 delete_tree(draft.path)
-                backend.work.sweep({done.id for done in LocalBackend(self.cache).refs(KINDS)})
+                backend.check_writable(ref)
+                backend.sweep()
                 with _discarded_on_failure(draft):
-                    started = datetime.now().astimezone()
+                    started, clock = datetime.now().astimezone(), time.monotonic()
                     yield draft
-                    backend.commit(draft.path, _describe(draft, recipe, started), replacing=replacing)
+                    manifest = _describe(draft, recipe, started, time.monotonic() - clock)
+                    with self._explaining(ref):
+                        backend.commit(draft.path, manifest, replacing=replacing)
             discard_tree(draft.scratch)
 
     def open(self, ref: ArtifactRef, kind: str | None = None) -> Path:
         """Folder of an artifact, after every file was found to be as it was written.
 
+        What operating systems and editors leave behind is overlooked: no reader asks for files of such names.
+
         Raises:
             ArtifactNotFound: If there is no such artifact.
             WrongArtifactKind: If ``kind`` is given and is not its kind.
-            DamagedArtifact: If a file is missing, altered or does not belong to it.
+            DamagedArtifact: If a file is missing or altered.
+            StrayFile: If a file does not belong to it.
+            UnreadableArtifact: If the disk does not let it be read.
         """
         self._check_kind(ref, kind)
         with self._requiring(ref) as backend, explained(self.cache):
@@ -125,11 +154,22 @@ class ArtifactStore:
             UnreadableArtifact: If the disk does not let it be read.
         """
         with self._requiring(ref) as backend:
-            return backend.read_manifest(ref)
+            return read_manifest(backend, ref)
+
+    def is_there(self) -> bool:
+        """Whether there is a store at all."""
+        return self._backend.is_there()
+
+    def survey(self, kind: str | None = None) -> Listing:
+        """Every artifact, of one kind or of all, damaged or not; and where there may be more."""
+        return self._backend.survey(KINDS if kind is None else [kind])
 
     def refs(self, kind: str | None = None) -> Sequence[ArtifactRef]:
-        """Every artifact, of one kind or of all, damaged or not."""
-        return self._backend.refs(KINDS if kind is None else [kind])
+        """Every artifact, of one kind or of all, damaged or not; what cannot be looked at is logged."""
+        listing = self.survey(kind)
+        for clause in listing.unseen:
+            logger.warning("there may be more artifacts: %s", clause)
+        return list(listing.refs)
 
     def list(self, kind: str | None = None) -> Sequence[Manifest]:
         """Descriptions of every artifact, oldest first; one whose manifest cannot be had is logged and left out."""
@@ -140,8 +180,8 @@ class ArtifactStore:
             except (DamagedArtifact, UnreadableArtifact) as error:
                 logger.warning("%s", error)
             except ArtifactNotFound:
-                logger.debug("%s was discarded while the list was made", ref)
-        return sorted(manifests, key=lambda manifest: (datetime.fromisoformat(manifest.finished), manifest.ref))
+                logger.debug("%s was set aside while the list was made", ref)
+        return in_order(manifests)
 
     def resolve(self, text: str, kind: str | None = None) -> ArtifactRef:
         """The one artifact meant by an id, the beginning of an id, or ``kind/id``.
@@ -149,13 +189,21 @@ class ArtifactStore:
         Raises:
             ArtifactNotFound: If none or several answer to the text.
             WrongArtifactKind: If ``kind`` is given and the artifact is of another kind.
+            UnreadableArtifact: If it may be where the disk does not let one look.
         """
         stated, separator, prefix = text.strip().rpartition("/")
+        text = printable(text)
         if separator and stated not in KINDS:
-            raise ArtifactNotFound(f"'{text}' names no kind of artifact{did_you_mean(stated, KINDS)}")
-        matches = [ref for ref in self.refs(stated or None) if prefix and ref.id.startswith(prefix)]
+            raise ArtifactNotFound(f"'{text}' names no kind of artifact{did_you_mean(printable(stated), KINDS)}")
+        listing = self.survey(stated or None)
+        matches = [ref for ref in listing.refs if prefix and ref.id.startswith(prefix)]
         # A prefix may be shared by several kinds; the kind that is needed then decides.
         wanted = [ref for ref in matches if kind in (None, ref.kind)] or matches
+        if listing.unseen and not (wanted and is_id(prefix)):
+            raise UnreadableArtifact(
+                f"it cannot be told which artifact '{text}' is: {'; '.join(listing.unseen)}; see to the permissions, "
+                f"or give all {ID_LENGTH} digits of one that can be read"
+            )
         if not wanted:
             raise ArtifactNotFound(f"no artifact answers to '{text}' in '{self.url}'; list them with `juicer ls`")
         if len(wanted) > 1:
@@ -163,8 +211,8 @@ class ArtifactStore:
         self._check_kind(wanted[0], kind)
         return wanted[0]
 
-    def verify(self, ref: ArtifactRef) -> Sequence[str]:
-        """Problems of an artifact, one clause each that names the file; none if it is whole.
+    def verify(self, ref: ArtifactRef) -> Sequence[Finding]:
+        """Everything that is wrong with an artifact; nothing if it is whole.
 
         Raises:
             ArtifactNotFound: If there is no such artifact.
@@ -180,43 +228,82 @@ class ArtifactStore:
             DamagedArtifact: If a manifest on the way is missing or altered.
         """
         order: dict[ArtifactRef, None] = {}
+        # Each with those of its parents that are still to be visited; a chain may be longer than Python's stack.
+        path = [(ref, iter(self.manifest(ref).recipe.parents))]
+        while path:
+            child, parents = path[-1]
+            parent = next(parents, None)
+            if parent is None:
+                path.pop()
+                order[child] = None
+            elif parent not in order:
+                known = self.manifest(parent).recipe.parents if self.exists(parent) else ()
+                path.append((parent, iter(known)))
+        del order[ref]
+        return [*order]
 
-        def visit(child: ArtifactRef) -> None:
-            for parent in self.manifest(child).recipe.parents:
-                if parent not in order:
-                    if self._backend.exists(parent):
-                        visit(parent)
-                    order[parent] = None
+    def address(self, ref: ArtifactRef) -> str:
+        """Where an artifact is, or would be, for people."""
+        return self._backend.address(ref)
 
-        visit(ref)
-        return list(order)
-
-    def discard(self, ref: ArtifactRef) -> None:
-        """Delete an artifact, whole or damaged; what was made from it stays.
+    def mend(self, ref: ArtifactRef) -> bool:
+        """Make a damaged artifact whole from what is at hand, without making it again; gives whether that worked.
 
         Raises:
             ArtifactNotFound: If there is no such artifact.
             StoreNotWritable: If the store refuses.
         """
         with self._requiring(ref) as backend, explained(self.cache), backend.work.lock(ref.id):
-            backend.remove(ref)
+            return backend.mend(ref)
+
+    def set_aside(self, ref: ArtifactRef) -> str:
+        """Take an artifact out of the store, whole or damaged, unchanged; what was made from it stays.
+
+        Returns:
+            Where it is now.
+
+        Raises:
+            ArtifactNotFound: If there is no such artifact.
+            StoreNotWritable: If the store refuses.
+        """
+        with self._requiring(ref) as backend, explained(self.cache), backend.work.lock(ref.id):
+            return backend.set_aside(ref)
+
+    def asides(self, ref: ArtifactRef) -> Sequence[str]:
+        """Where that is which was set aside of an artifact, oldest first."""
+        return self._backend.asides(ref)
+
+    def _stamp(self, ref: ArtifactRef) -> bytes | None:
+        """What tells an artifact from its successor, which has the same id."""
+        try:
+            return self._backend.read(ref)
+        except TroubleError:
+            return None
 
     @contextmanager
     def _requiring(self, ref: ArtifactRef) -> Iterator[Backend]:
-        """Work on an artifact that must exist; damage found meanwhile becomes an error that says how to mend it."""
-        backend = self._backend
-        if not backend.exists(ref):
+        """Work on an artifact that must exist; what is wrong with it becomes an error that says how to mend it."""
+        if not self.exists(ref):
             raise ArtifactNotFound(f"artifact {ref} does not exist in '{self.url}'; see `juicer ls {ref.kind}`")
+        with self._explaining(ref):
+            yield self._backend
+
+    @contextmanager
+    def _explaining(self, ref: ArtifactRef) -> Iterator[None]:
         try:
-            yield backend
-        except UnreadableError as refusal:
-            raise UnreadableArtifact(
-                f"artifact {ref} may be whole, but {refusal}; see to its permissions and to the disk in '{self.cache}'"
-            ) from None
-        except DamageError as damage:
-            raise DamagedArtifact(
-                f"artifact {ref} is damaged: {damage}; recompute it with `juicer repair {ref.id}`"
-            ) from None
+            yield
+        except TroubleError as trouble:
+            raise self._error(ref, trouble.finding) from None
+
+    def _error(self, ref: ArtifactRef, finding: Finding) -> ArtifactError:
+        clause, remedy = finding.clause, finding.remedy
+        if finding.nature is Nature.DAMAGE:
+            remedy = remedy or f"recompute it with `juicer repair {ref.id}`"
+            return DamagedArtifact(f"artifact {ref} is damaged: {clause}; {remedy}")
+        if finding.nature is Nature.UNREADABLE:
+            remedy = remedy or f"see to its permissions and to the disk in '{self.cache}'"
+            return UnreadableArtifact(f"artifact {ref} may be whole, but {clause}; {remedy}")
+        return StrayFile(f"artifact {ref} is whole, but {clause}; remove that from '{self.address(ref)}'")
 
     @staticmethod
     def _check_kind(ref: ArtifactRef, kind: str | None) -> None:
@@ -224,6 +311,11 @@ class ArtifactStore:
             raise WrongArtifactKind(
                 f"{ref} is of kind '{ref.kind}' but '{kind}' is needed here; see `juicer ls {kind}`"
             )
+
+
+def in_order(manifests: Iterable[Manifest]) -> list[Manifest]:
+    """Descriptions sorted by age, the oldest first."""
+    return sorted(manifests, key=lambda manifest: (datetime.fromisoformat(manifest.finished), manifest.ref))
 
 
 @contextmanager
@@ -241,7 +333,7 @@ def _discarded_on_failure(draft: Draft) -> Iterator[None]:
         raise
 
 
-def _describe(draft: Draft, recipe: Recipe, started: datetime) -> Manifest:
+def _describe(draft: Draft, recipe: Recipe, started: datetime, seconds: float) -> Manifest:
     files = describe_files(draft.path)
     finished = datetime.now().astimezone()
     return Manifest(
@@ -251,5 +343,5 @@ def _describe(draft: Draft, recipe: Recipe, started: datetime) -> Manifest:
         host=describe_host(),
         started=started.isoformat(timespec="milliseconds"),
         finished=finished.isoformat(timespec="milliseconds"),
-        seconds=round((finished - started).total_seconds(), 3),
+        seconds=round(seconds, 3),
     )

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import logging
 import shutil
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from filelock import BaseFileLock, FileLock, Timeout
+
+from juicer.artifacts.ref import KINDS, ArtifactRef, is_id
 
 logger = logging.getLogger(__name__)
 
@@ -30,9 +32,16 @@ class Workspace:
         """What a killed run leaves to its successor; belongs to whoever holds the lock."""
         return self.root / "scratch" / identity
 
-    def grave(self, identity: str) -> Path:
-        """Where an artifact waits for its deletion; belongs to whoever holds the lock."""
-        return self.root / "graves" / identity
+    def grave(self, ref: ArtifactRef) -> Path:
+        """Where an artifact waits for its successor to take its place; belongs to whoever holds the lock."""
+        return self.root / "graves" / f"{ref.id}.{ref.kind}"
+
+    def graves(self) -> list[ArtifactRef]:
+        """Every artifact that waits so."""
+        names = [path.name.split(".") for path in _children(self.root / "graves")]
+        return [
+            ArtifactRef(name[1], name[0]) for name in names if len(name) == 2 and is_id(name[0]) and name[1] in KINDS
+        ]
 
     @contextmanager
     def lock(self, identity: str) -> Iterator[None]:
@@ -47,19 +56,37 @@ class Workspace:
         with _releasing(lock):
             yield
 
-    def sweep(self, finished: Collection[str]) -> None:
-        """Delete what dead processes left: drafts, graves, locks, and scratch of ids that were finished after all."""
+    @contextmanager
+    def lock_if_free(self, identity: str) -> Iterator[bool]:
+        """Hold the lock of an id for the length of a block if nobody else does; gives whether it is held."""
+        lock = self._lock(identity)
+        if not _acquire_at_once(lock):
+            yield False
+            return
+        with _releasing(lock):
+            yield True
+
+    def sweep(self, made_at: Callable[[str], float | None]) -> None:
+        """Delete what dead processes left: drafts, locks, and scratch of ids that were finished after all.
+
+        Only what is named as this class names it goes.
+
+        Args:
+            made_at: Gives when the artifact of an id was made, in seconds since 1970, if it exists. Scratch that is
+                younger belongs to an attempt to make it again, and stays.
+        """
         drafts = {path.name for path in _children(self.root / "drafts")}
-        graves = {path.name for path in _children(self.root / "graves")}
-        scratch = {path.name for path in _children(self.root / "scratch")}
-        locks = {path.stem for path in _children(self.root / "locks")}
-        for identity in sorted(drafts | graves | scratch.intersection(finished) | locks):
-            lock = self._lock(identity)
-            if _acquire_at_once(lock):
-                with _releasing(lock):
+        locks = {path.stem for path in _children(self.root / "locks") if path.suffix == ".lock"}
+        scratch = {
+            path.name
+            for path in _children(self.root / "scratch")
+            if (time := made_at(path.name)) is not None and path.stat().st_mtime <= time
+        }
+        for identity in filter(is_id, sorted(drafts | scratch | locks)):
+            with self.lock_if_free(identity) as is_held:
+                if is_held:
                     discard_tree(self.draft(identity))
-                    discard_tree(self.grave(identity))
-                    if identity in finished:
+                    if identity in scratch:
                         discard_tree(self.scratch(identity))
 
     def _lock(self, identity: str) -> BaseFileLock:
@@ -89,8 +116,10 @@ def _releasing(lock: BaseFileLock) -> Iterator[None]:
 
 
 def delete_tree(folder: Path) -> None:
-    """Delete a folder and all below it, if it is there."""
-    if folder.exists():
+    """Delete a folder and all below it, if it is there; of a link, only the link."""
+    if folder.is_symlink() or folder.is_file():
+        folder.unlink()
+    elif folder.exists():
         shutil.rmtree(folder)
 
 

@@ -18,6 +18,7 @@ from juicer.errors import InvalidCheckpoint
 from juicer.policy.config import FeatureSpec, PolicyConfig
 from juicer.policy.network import PolicyNetwork, build_policy
 from juicer.policy.policy import TrainedPolicy
+from juicer.policy.refusals import refusals_as_os_errors
 from juicer.policy.replay import REPLAY_FILE, ReplayPolicy, load_replay
 
 SCHEMA_VERSION = 4
@@ -70,12 +71,16 @@ class Checkpoint:
 
 
 def save_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
-    """Write ``policy.json``, ``weights.safetensors`` and, if there is one, ``ema.safetensors``."""
+    """Write ``policy.json``, ``weights.safetensors`` and, if there is one, ``ema.safetensors``.
+
+    Raises:
+        OSError: If the system refuses a write.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / POLICY_FILE).write_text(checkpoint.metadata.model_dump_json(indent=2) + "\n")
-    save_file(dict(checkpoint.weights), folder / WEIGHT_FILES["raw"])
+    _write_weights(folder / WEIGHT_FILES["raw"], checkpoint.weights)
     if checkpoint.ema is not None:
-        save_file(dict(checkpoint.ema), folder / WEIGHT_FILES["ema"])
+        _write_weights(folder / WEIGHT_FILES["ema"], checkpoint.ema)
 
 
 def load_checkpoint(folder: Path) -> Checkpoint:
@@ -126,6 +131,11 @@ def _read_metadata(path: Path) -> CheckpointMetadata:
         problem = error.errors()[0]
         where = ".".join(str(part) for part in problem["loc"])
         raise InvalidCheckpoint(f"'{path}' is not valid: {where}: {problem['msg']}") from None
+
+
+def _write_weights(path: Path, weights: Mapping[str, Tensor]) -> None:
+    with refusals_as_os_errors(path):
+        save_file(dict(weights), path)
 
 
 def _read_weights(path: Path) -> dict[str, Tensor]:

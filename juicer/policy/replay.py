@@ -17,6 +17,7 @@ from safetensors.numpy import save_file
 
 from juicer.errors import InvalidCheckpoint
 from juicer.geometry import quat_to_matrix, rotation_angle
+from juicer.policy.refusals import refusals_as_os_errors
 
 REPLAY_FILE = "replay.safetensors"
 RADIAN_M = 0.05
@@ -81,7 +82,9 @@ class ReplayPolicy:
             "parts": np.array(self._parts),
             "steps": np.array(self._steps),
         }
-        save_file(tensors, folder / REPLAY_FILE, {"task": task})
+        path = folder / REPLAY_FILE
+        with refusals_as_os_errors(path):
+            save_file(tensors, path, {"task": task})
 
 
 def load_replay(path: Path, task: str, max_steps: int | None = None) -> ReplayPolicy:

@@ -16,6 +16,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from juicer.config import canonical_json
+from juicer.policy.refusals import refusals_as_os_errors
 from juicer.training.windows import TrainingEpisodes
 
 STATE_FILE = "training_state.safetensors"
@@ -50,14 +51,24 @@ def training_identity(episodes: TrainingEpisodes, settings: Mapping[str, object]
 
 
 def save_state(folder: Path, state: TrainingState) -> None:
-    """Replace the state in ``folder``, which is made if it does not exist."""
+    """Replace the state in ``folder``, which is made if it does not exist.
+
+    Raises:
+        OSError: If the system refuses the write; the state before it stays.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     draft = folder / f"{STATE_FILE}.draft"
     facts = {"identity": state.identity, "step": state.step}
-    save_file(dict(state.tensors), draft, metadata={"state": json.dumps(facts)})
-    with draft.open("rb") as file:
-        os.fsync(file.fileno())
-    draft.replace(folder / STATE_FILE)
+    try:
+        with refusals_as_os_errors(draft):
+            save_file(dict(state.tensors), draft, metadata={"state": json.dumps(facts)})
+        with draft.open("rb") as file:
+            os.fsync(file.fileno())
+        draft.replace(folder / STATE_FILE)
+    except OSError:
+        # On a full disk, half a state would only be in the way.
+        draft.unlink(missing_ok=True)
+        raise
 
 
 def load_state(folder: Path, identity: str) -> TrainingState | None:

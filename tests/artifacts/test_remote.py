@@ -55,6 +55,10 @@ def elsewhere(url: str, tmp_path: Path) -> ArtifactStore:
     return ArtifactStore(url, cache=tmp_path / "cache elsewhere")
 
 
+def clauses(store: ArtifactStore, ref: ArtifactRef) -> list[str]:
+    return [str(finding) for finding in store.verify(ref)]
+
+
 def filesystem(store: ArtifactStore) -> Any:
     """The very instance that the store uses: fsspec keeps one for each set of arguments."""
     return fsspec.core.url_to_fs(store.url, use_listings_cache=False)[0]
@@ -150,7 +154,7 @@ def test_a_repaired_artifact_replaces_the_copies_of_the_old_one(
 ) -> None:
     ref = make(store, recipe, {"a.bin": b"old"})
     elsewhere.open(ref)
-    store.discard(ref)
+    store.set_aside(ref)
     make(store, recipe, {"a.bin": b"new"})
     assert (elsewhere.open(ref) / "a.bin").read_bytes() == b"new"
 
@@ -171,7 +175,10 @@ def test_an_artifact_is_replaced_in_its_place_with_all_that_was_left_of_it(
     for machine in (store, elsewhere):
         assert machine.verify(ref) == []
         assert (machine.open(ref) / "a.bin").read_bytes() == content
-    assert len(objects(store)) == 3
+    in_place = [name for name in objects(store) if name.startswith(f"{ref}/")]
+    assert len(in_place) == 3
+    # What was not as it was written may be all that is left of something.
+    assert len(store.asides(ref)) == (damaged != "")
 
 
 def test_an_artifact_stays_for_everyone_if_the_upload_of_its_successor_fails(
@@ -207,7 +214,7 @@ def test_damage_in_the_store_is_noticed(
 ) -> None:
     ref = make(store, recipe)
     overwrite(store, ending, content)
-    assert elsewhere.verify(ref) == store.verify(ref) == [problem]
+    assert clauses(elsewhere, ref) == clauses(store, ref) == [problem]
     with pytest.raises(DamagedArtifact, match=problem):
         elsewhere.open(ref)
     assert litter(elsewhere) == []
@@ -219,19 +226,26 @@ def test_an_extra_object_is_noticed_and_never_downloaded(
     ref = make(store, recipe)
     ((fs, path),) = [place for name, place in objects(store).items() if name.endswith("a.bin")]
     fs.pipe_file(path.replace("a.bin", "extra"), b"")
-    assert elsewhere.verify(ref) == ["file 'extra' does not belong to it"]
+    assert clauses(elsewhere, ref) == ["file 'extra' does not belong to it"]
 
 
-def test_a_discarded_artifact_is_gone_for_everyone(
+def test_an_artifact_set_aside_is_gone_for_everyone_and_kept(
     store: ArtifactStore, elsewhere: ArtifactStore, recipe: Recipe, make: Make
 ) -> None:
-    ref = make(store, recipe)
-    elsewhere.open(ref)
-    elsewhere.discard(ref)
-    assert store.find(recipe) is None
-    assert objects(store) == {}
-    with pytest.raises(ArtifactNotFound):
-        store.open(ref)
+    for number in (1, 2):
+        ref = make(elsewhere, recipe)
+        before = {name.removeprefix(f"{ref}/"): fs.cat_file(path) for name, (fs, path) in objects(store).items()}
+        aside = elsewhere.set_aside(ref)
+        assert aside == f"{store.url}/.aside/{ref}/{number}"
+        assert store.find(recipe) is None
+        kept = {name: fs.cat_file(path) for name, (fs, path) in objects(store).items()}
+        prefix = f".aside/{ref}/{number}/"
+        assert {name.removeprefix(prefix): kept[name] for name in kept if name.startswith(prefix)} == {
+            name: content for name, content in before.items() if not name.startswith(".aside")
+        }
+        with pytest.raises(ArtifactNotFound):
+            store.open(ref)
+    assert store.asides(ref) == [f"{store.url}/.aside/{ref}/{number}" for number in (1, 2)]
 
 
 def test_an_interrupted_upload_is_finished_without_computing_again(

@@ -133,7 +133,7 @@ def test_a_store_may_be_named_from_the_home_folder(url: str, monkeypatch: pytest
 
 
 def test_what_was_never_made_is_not_found(store: ArtifactStore, recipe: Recipe) -> None:
-    for action in (store.open, store.manifest, store.verify, store.discard, store.lineage):
+    for action in (store.open, store.manifest, store.verify, store.set_aside, store.lineage):
         with pytest.raises(ArtifactNotFound, match="see `juicer ls episodes`"):
             action(recipe.ref)
 
@@ -213,7 +213,7 @@ def test_a_discarded_ancestor_is_still_named(store: ArtifactStore, recipe: Recip
     root = make(store, variant(recipe, 0))
     middle = make(store, variant(recipe, 1, root))
     child = make(store, variant(recipe, 2, middle))
-    store.discard(middle)
+    store.set_aside(middle)
     assert store.lineage(child) == [middle]
 
 
@@ -221,7 +221,7 @@ def test_a_discarded_artifact_can_be_made_again(
     store: ArtifactStore, recipe: Recipe, make: Make, litter: Litter
 ) -> None:
     make(store, recipe)
-    store.discard(recipe.ref)
+    store.set_aside(recipe.ref)
     assert store.find(recipe) is None
     assert litter(store) == []
     make(store, recipe)

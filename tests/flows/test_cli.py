@@ -20,6 +20,7 @@ from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
 from juicer.storage.episodes import write_episodes
 
+NOTHING_FOUND = {"damaged": {}, "stray": {}, "litter": {}, "unreadable": {}, "unseen": []}
 SMOKE = Path(__file__).parents[2] / "configs" / "smoke.yaml"
 
 
@@ -83,7 +84,7 @@ def test_artifacts_are_listed_shown_and_traced(capsys, store, episodes, annotati
     assert [entry["ref"] for entry in json_of(capsys, "ls", "episodes")] == [str(episodes)]
     assert json_of(capsys, "show", episodes.id[:6])["summary"] == {"episodes": 1, "steps": 5}
     assert json_of(capsys, "lineage", annotations.id)[-1] == {"ref": str(annotations), "parents": [str(episodes)]}
-    assert json_of(capsys, "verify") == {"checked": 2, "damaged": {}}
+    assert json_of(capsys, "verify") == {"checked": 2, **NOTHING_FOUND}
     for command in (["ls"], ["show", episodes.id], ["lineage", annotations.id], ["verify", episodes.id]):
         assert call(command) == 0
     assert f"└─ {episodes}" in capsys.readouterr().out
@@ -92,7 +93,7 @@ def test_artifacts_are_listed_shown_and_traced(capsys, store, episodes, annotati
 def test_empty_store_is_no_error(capsys, store):
     assert call(["ls"]) == 0
     assert "no artifacts" in capsys.readouterr().out
-    assert json_of(capsys, "verify") == {"checked": 0, "damaged": {}}
+    assert json_of(capsys, "verify") == {"checked": 0, **NOTHING_FOUND}
 
 
 def test_damage_is_found_and_fails_the_command(capsys, store, episodes):

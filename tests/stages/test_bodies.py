@@ -286,7 +286,7 @@ def test_report_on_a_model_for_several_tasks_tells_their_data_apart(loop):
         "2 corrective episodes of one_leg",
         "2 corrective episodes of lamp",
     ]
-    store.discard(of_lamp)
+    store.set_aside(of_lamp)
     told = gather(store, [evaluation], rows, title="", task="one_leg", facts={}, findings=(), films=())
     assert told.facts["Demonstrations"] == f"2 ({steps} steps)"
     assert told.augmentations[1].label == "2 corrective episodes of demonstrations that are no longer there"
