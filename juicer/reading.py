@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import os
 import stat
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 
 class UnsuitableFile(OSError):
@@ -20,7 +20,7 @@ class UnsuitableFile(OSError):
         self.strerror = reason
 
 
-def open_plain(path: Path) -> BinaryIO:
+def open_plain(path: Path) -> BufferedReader:
     """Open a file for reading if it is a plain one, without waiting for anything.
 
     Raises:
