@@ -32,6 +32,7 @@ MOST_ENTRIES = 64
 
 _ENDING = ".npy"
 _MOST_HEADER_LETTERS = 1_000
+_LARGEST_SIZE = 2**40
 _MOST_BYTES_AT_ONCE = 2**20
 _IS_ENCRYPTED = 0x1
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
@@ -121,7 +122,7 @@ class Archive:
             raise RejectedLog(f"it is no operator log: '{name}' holds pickled objects, which are never loaded")
         if spec.dtype.kind not in _PLAIN_KINDS or spec.dtype.shape:
             raise RejectedLog(f"array '{name}' must hold plain numbers, got {printable(spec.dtype)}")
-        if any(size < 0 for size in spec.shape):
+        if not all(0 <= size < _LARGEST_SIZE for size in spec.shape):
             raise RejectedLog(f"array '{name}' has the impossible shape {printable(spec.shape)}")
         if entry.file_size != start + spec.num_bytes:
             raise RejectedLog(

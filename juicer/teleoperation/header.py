@@ -94,7 +94,7 @@ def parse_header(text: str) -> LogHeader:
         raise RejectedLog(f"the header does not say format '{FORMAT}'")
     version = content.get("version")
     if version != VERSION or isinstance(version, bool):
-        raise RejectedLog(f"it has format version {printable(version)}, but this program reads version {VERSION}")
+        raise RejectedLog(f"it has format version {printable(version, 20)}, but this program reads version {VERSION}")
     entries = {name: content.get(name, _MISSING) for name in _TYPES}
     _check(entries)
     entries |= {name: printable(value) for name, value in entries.items() if isinstance(value, str)}

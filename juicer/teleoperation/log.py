@@ -112,7 +112,8 @@ class LogFile:
         Raises:
             RejectedLog: If one cannot be unpacked.
         """
-        arrays = {name: self._read(name, np.dtype(dtype)) for name, dtype in _ARRAYS.items()}
+        with explained():
+            arrays = {name: self._read(name, np.dtype(dtype)) for name, dtype in _ARRAYS.items()}
         return OperatorLog(
             **{entry.name: getattr(self.header, entry.name) for entry in fields(LogHeader)},
             steps={name: arrays[name] for name in STEP_DTYPES},
@@ -181,6 +182,8 @@ def _content(path: Path) -> bytes:
         raise RejectedLog(reason) from None
     except OSError as error:
         raise RejectedLog(f"the file cannot be read: {error.strerror or type(error).__name__}") from None
+    except MemoryError:
+        raise RejectedLog("the file cannot be read: memory does not suffice") from None
 
 
 def _arrays(log: OperatorLog) -> dict[str, NDArray[Any]]:
