@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from flows.commands.output import bytes_text, say, say_json, say_table
+from flows.commands.recordings import describe_recordings, find_recordings, say_recordings
 from flows.facts import headline
 from flows.settings import read_settings
 from flows.store import open_store
@@ -13,6 +14,7 @@ from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import KINDS, ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ConfigError, DamagedArtifact, did_you_mean
+from stages.given_files import UNREADABLE
 
 _BRANCH, _LAST, _PIPE, _SPACE = "├─ ", "└─ ", "│  ", "   "
 
@@ -49,7 +51,9 @@ def show_artifact(text: str, as_json: bool) -> None:
     ref = store.resolve(text)
     manifest = store.manifest(ref)
     if as_json:
-        say_json({**describe(manifest), "recipe": manifest.recipe.to_json(), "host": dict(manifest.host)})
+        recordings = find_recordings(store, ref)
+        content = {**describe(manifest), "recipe": manifest.recipe.to_json(), "host": dict(manifest.host)}
+        say_json(content | ({"recordings": describe_recordings(recordings)} if recordings else {}))
         return
     recipe = manifest.recipe
     say(f"{ref}  made by stage '{recipe.stage}' in {manifest.seconds:.1f} s, finished {manifest.finished}")
@@ -57,7 +61,7 @@ def show_artifact(text: str, as_json: bool) -> None:
     for role, refs in recipe.inputs.items():
         say(f"{role}: {', '.join(map(str, refs))}")
     for label, digest in recipe.files.items():
-        say(f"file {label}: sha256 {digest[:16]}")
+        say(f"file {label}: {digest if digest.startswith(UNREADABLE) else f'sha256 {digest[:16]}'}")
     _say_section("configuration", recipe.config)
     _say_section("facts", manifest.summary)
     say(f"files ({bytes_text(sum(entry.bytes for entry in manifest.files))})")
@@ -65,6 +69,7 @@ def show_artifact(text: str, as_json: bool) -> None:
         say(f"  {entry.path}  {bytes_text(entry.bytes)}")
     if len(manifest.files) > 20:
         say(f"  and {len(manifest.files) - 20} more")
+    say_recordings(find_recordings(store, ref))
     say(f"in {store.open(ref)}")
 
 

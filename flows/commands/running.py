@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING
 import typer
 
 from flows.commands.output import say, say_json, say_table
+from flows.commands.recordings import find_recordings, say_recordings
 from flows.conditions import Condition
 from flows.environment import API_VARIABLE, prepare_environment
 from flows.settings import Settings, read_settings
 from flows.store import open_store
 from flows.temporary_server import TemporaryServer
+from juicer.artifacts.ref import ArtifactRef
 from juicer.errors import ConfigError, ServiceUnavailable, did_you_mean
 from stages.isolation import warm_up
 
@@ -142,8 +144,10 @@ def run_stage(
     if as_json:
         say_json(refs)
     else:
+        store = open_store(settings)
         for ref in refs:
             say(ref)
+            say_recordings(find_recordings(store, ArtifactRef.parse(ref)))
 
 
 def explain_stage(name: str, path: Path, overrides: Sequence[str], part: Part, as_json: bool) -> None:
