@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from juicer.critical_states import AnnotationConfig, propose
-from juicer.ingestion import IngestionConfig, ingest_log, steps_to_keep
+from juicer.ingestion import Ingestion, IngestionConfig, steps_to_keep
 from juicer.seeding import stream
 from juicer.sim.env import AssemblyEnv
 from juicer.tasks.registry import TASK_NAMES
@@ -57,16 +57,17 @@ def main() -> None:
         env = AssemblyEnv(name, options.randomness)
         offsets: list[list[int]] = [[] for _ in env.task.critical_states]
         demonstrations = 0
+        config = IngestionConfig(task=name)
+        ingestion = Ingestion(config)
         for seed in range(options.seed_start, options.seed_start + options.episodes):
             operator = Onlooker(env.task, stream(0, "operator", seed))
             log = record_demonstration(env, operator, seed)
             if not log.success:
                 continue
             demonstrations += 1
-            config = IngestionConfig(task=name)
             keep = steps_to_keep(log.steps["action"], log.idle, config.kept_after_toggle)
             phases = [phase for phase, kept in zip(operator.phases, keep, strict=True) if kept]
-            demonstration = ingest_log(log, config)
+            demonstration = ingestion.ingest_log(log).episode
             milestones = demonstration.record.milestones
             marks = [marked_step(env.task, state, phases, milestones) for state in env.task.critical_states]
             for proposal in propose(env, demonstration, AnnotationConfig()):

@@ -16,7 +16,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from flows.facts import headline, number
+from flows.facts import headline, number, rejections
 from juicer.progress import Progress
 
 REFRESHES_PER_SECOND = 4
@@ -122,6 +122,8 @@ class Board:
             took = f"{_duration(line.seconds):>8}" if line else f"{state:>8}"
             text = f"{_clock()}  {mark} {stage:9} {label:24} {took}  {headline(summary)}"
             self.console.print(Text(text.rstrip(), style=colour if state == "failed" else ""), soft_wrap=True)
+            for rejection in rejections(summary) if state == "done" else ():
+                self.say(f"            {rejection}")
 
     def seconds_left(self) -> tuple[float, bool]:
         """Wall time until everything expected is done, and whether nothing is missing in that estimate."""

@@ -22,6 +22,8 @@ _CHOSEN = (
 )
 """Facts worth a place, in this order, if a summary has them."""
 
+_REJECTIONS_SHOWN = 20
+
 
 def headline(summary: Mapping[str, Any]) -> str:
     """What a summary says, in a few words."""
@@ -33,6 +35,13 @@ def headline(summary: Mapping[str, Any]) -> str:
         return f"success {rate:.0%} of {printable(summary.get('episodes'))} episodes ({low:.0%} to {high:.0%})"
     chosen = {name: summary[name] for name in _CHOSEN if isinstance(summary.get(name), int | float)}
     return ", ".join(f"{name.rpartition('/')[2].replace('_', ' ')} {number(value)}" for name, value in chosen.items())
+
+
+def rejections(summary: Mapping[str, Any]) -> list[str]:
+    """Why operator logs became no demonstrations, a line each."""
+    reasons = [f"{log}: {reason}" for log, reason in summary.get("rejections", {}).items()]
+    more = len(reasons) - _REJECTIONS_SHOWN
+    return [*reasons[:_REJECTIONS_SHOWN], f"and {more} more; see `juicer show`"] if more > 0 else reasons
 
 
 def number(value: float | str) -> str:

@@ -11,6 +11,7 @@ from flows.loop_config import LoopConfig
 from juicer.artifacts.ref import ArtifactRef
 from juicer.errors import ConfigError, NothingLeft
 from juicer.teleoperation.log import SUFFIX
+from juicer.text import printable
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import collect
@@ -130,17 +131,23 @@ def get_demonstrations(session: Session, config: LoopConfig) -> ArtifactRef:
 
 
 def find_logs(folder: Path) -> tuple[Path, ...]:
-    """Every operator log of a folder, by name.
+    """Everything in a folder that is named like an operator log, by name; ingestion says which of it is one.
 
     Raises:
-        ConfigError: If there is no such folder, or no log in it.
+        ConfigError: If there is no such folder, it cannot be read, or nothing in it is named so.
     """
-    if not folder.is_dir():
-        raise ConfigError(f"logs: folder '{folder}' does not exist")
-    paths = tuple(sorted(folder.glob(f"*{SUFFIX}")))
-    if not paths:
-        raise ConfigError(f"logs: folder '{folder}' holds no operator log (*{SUFFIX})")
-    return paths
+    shown = printable(folder)
+    try:
+        paths = sorted(folder.iterdir())
+    except (FileNotFoundError, NotADirectoryError):
+        raise ConfigError(f"logs: folder '{shown}' does not exist") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "it has an impossible name"
+        raise ConfigError(f"logs: folder '{shown}' cannot be read: {reason}") from None
+    logs = tuple(path for path in paths if path.suffix.lower() == SUFFIX)
+    if not logs:
+        raise ConfigError(f"logs: folder '{shown}' holds no operator log (*{SUFFIX})")
+    return logs
 
 
 def _training_episodes(

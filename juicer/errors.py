@@ -58,6 +58,13 @@ class RejectedLog(JuicerError):
     """An operator log cannot be turned into a demonstration; the message is the reason."""
 
 
+class LogNotWritten(JuicerError, OSError):
+    """An operator log cannot be written; made of ``errno``, reason and path, as every refusal of a disk."""
+
+    def __str__(self) -> str:
+        return f"log '{self.filename}' cannot be written: {self.strerror}"
+
+
 class InvalidLabels(JuicerError):
     """A file of critical states labelled by hand contradicts itself or the episodes."""
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -23,16 +23,18 @@ from juicer.episode import (
     Outcome,
     Source,
 )
-from juicer.errors import ConfigError, InvalidAction, RejectedLog
+from juicer.errors import ConfigError, InvalidAction, RejectedLog, did_you_mean
 from juicer.geometry import rot6d_to_matrix
 from juicer.gripper import gripper_commands
 from juicer.progress import Progress, silent_progress
 from juicer.seed_ranges import Purpose, check_seeds
-from juicer.sim.env import AssemblyEnv
 from juicer.tasks.registry import get_task
 from juicer.tasks.specification import parse_randomness
 from juicer.tasks.task_name import TaskName
-from juicer.teleoperation.log import OperatorLog, read_log
+from juicer.teleoperation.claims import ClaimChecker
+from juicer.teleoperation.header import LogHeader
+from juicer.teleoperation.log import FINAL_PREFIX, STEP_ARRAYS, LogFile, OperatorLog
+from juicer.text import printable
 
 
 class IngestionSection(StrictConfig):
@@ -54,6 +56,23 @@ class IngestionConfig(IngestionSection):
 
 
 @dataclass(frozen=True)
+class Demonstration:
+    """A log that became a demonstration.
+
+    Attributes:
+        source: Name of the log.
+        num_steps: Steps of the log.
+        kept: Which of them became the episode's steps, in order ``(T,)``.
+        episode: The demonstration.
+    """
+
+    source: str
+    num_steps: int
+    kept: NDArray[np.intp]
+    episode: Episode
+
+
+@dataclass(frozen=True)
 class Rejection:
     """A log that became no demonstration.
 
@@ -68,41 +87,123 @@ class Rejection:
 
 def ingest(
     paths: Sequence[Path], config: IngestionConfig, progress: Progress = silent_progress
-) -> Iterator[Episode | Rejection]:
+) -> Iterator[Demonstration | Rejection]:
     """Read logs one at a time; each yields a demonstration or the reason why it is none."""
+    ingestion = Ingestion(config)
     kept = 0
     for done, path in enumerate(paths, start=1):
+        source = printable(path.name)
         try:
-            result: Episode | Rejection = ingest_log(read_log(path), config)
+            result: Demonstration | Rejection = ingestion.ingest(path, source)
             kept += 1
         except RejectedLog as error:
-            result = Rejection(source=path.name, reason=str(error))
+            result = Rejection(source, str(error))
         progress(done, len(paths), kept=kept, rejected=done - kept)
         yield result
 
 
-def ingest_log(log: OperatorLog, config: IngestionConfig) -> Episode:
-    """Check a log and turn it into a demonstration without the operator's idle steps.
+class Ingestion:
+    """Judges the logs of one task, one after the other."""
 
-    Raises:
-        RejectedLog: With the reason, if the log is no good demonstration of the task.
-        ConfigError: If the config names an unknown task.
-    """
-    if log.task != config.task:
-        raise RejectedLog(f"it shows task '{log.task}', but '{config.task}' is being ingested")
-    if not log.success:
-        raise RejectedLog("the operator marked it as failed")
-    if log.outcome != Outcome.SUCCESS:
-        raise RejectedLog(f"the operator marked it as a success, but the environment ended it as '{log.outcome}'")
-    _check_facts(log)
-    _check_arrays(log)
-    _check_actions(log)
-    _check_timestamps(log.timestamp_s, config.max_gap_s)
-    keep = steps_to_keep(log.steps["action"], log.idle, config.kept_after_toggle)
-    num_kept = np.count_nonzero(keep)
-    if num_kept < config.min_steps:
-        raise RejectedLog(f"only {num_kept} of its steps are not idle, at least {config.min_steps} are needed")
-    return _episode(log, keep)
+    def __init__(self, config: IngestionConfig) -> None:
+        """Prepare the task's scene.
+
+        Raises:
+            ConfigError: If there is no such task.
+        """
+        self._config = config
+        self._task = get_task(config.task)
+        self._claims = ClaimChecker(config.task)
+        self._sources: dict[str, str] = {}
+
+    def ingest(self, path: Path, source: str) -> Demonstration:
+        """Read a log, check it and turn it into a demonstration; ``source`` is its name.
+
+        What is wrong with its header or its shapes is said before its arrays are unpacked.
+
+        Raises:
+            RejectedLog: With the reason, if the log is no good demonstration of the task.
+        """
+        file = LogFile(path)
+        self._check_facts(file.header)
+        self._check_shapes(file.shapes)
+        return self._demonstration(file.read(), source)
+
+    def ingest_log(self, log: OperatorLog, source: str = "") -> Demonstration:
+        """The same for a log that is in memory.
+
+        Raises:
+            RejectedLog: With the reason, if the log is no good demonstration of the task.
+        """
+        self._check_facts(log)
+        self._check_shapes({name: values.shape for name, values in log.arrays.items()})
+        return self._demonstration(log, source)
+
+    def _demonstration(self, log: OperatorLog, source: str) -> Demonstration:
+        config = self._config
+        _check_finite(log)
+        _check_rewards(log)
+        _check_actions(log)
+        _check_timestamps(log.timestamp_s, config.max_gap_s)
+        keep = steps_to_keep(log.steps["action"], log.idle, config.kept_after_toggle)
+        num_kept = np.count_nonzero(keep)
+        if num_kept < config.min_steps:
+            raise RejectedLog(f"only {num_kept} of its steps are not idle, at least {config.min_steps} are needed")
+        content = _digest(log)
+        if content in self._sources:
+            raise RejectedLog(f"it is the same recording as '{self._sources[content]}'")
+        self._claims.check(log)
+        self._sources[content] = source
+        return Demonstration(source, len(log), np.flatnonzero(keep), _episode(log, keep))
+
+    def _check_facts(self, header: LogHeader) -> None:
+        if header.task != self._task.name:
+            raise RejectedLog(f"it shows task '{header.task}', but '{self._task.name}' is being ingested")
+        if not header.success:
+            raise RejectedLog("the operator marked it as failed")
+        if header.outcome != Outcome.SUCCESS:
+            raise RejectedLog(
+                f"the operator marked it as a success, but the environment ended it as '{header.outcome}'"
+            )
+        try:
+            parse_randomness(header.randomness)
+            check_seeds(Purpose.DEMONSTRATIONS, [header.seed])
+        except ConfigError as error:
+            raise RejectedLog(str(error)) from None
+        num_pairs = len(self._task.pairs)
+        if header.parts_assembled != num_pairs:
+            raise RejectedLog(
+                f"it counts {header.parts_assembled} assembled pairs; a success has all {num_pairs} of the task's"
+            )
+        for name in header.milestones:
+            if name not in self._task.milestones:
+                raise RejectedLog(f"unknown milestone '{name}'{did_you_mean(name, self._task.milestones)}")
+
+    def _check_shapes(self, shapes: Mapping[str, tuple[int, ...]]) -> None:
+        length = shapes["action"][0]
+        if length == 0:
+            raise RejectedLog("it holds no steps")
+        widths = {
+            "action": (ACTION_SIZE,),
+            "proprioception": (PROPRIOCEPTION_SIZE,),
+            "part_poses": (7 * len(self._task.parts),),
+            "sim_state": (self._claims.state_size,),
+        }
+        for name in STEP_ARRAYS:
+            shape = shapes[name]
+            if shape[0] != length:
+                raise RejectedLog(f"array '{name}' has {shape[0]} steps where 'action' has {length}")
+            expected = (length, *widths.get(name, ()))
+            if shape != expected and name == STATE_KEY:
+                raise RejectedLog(
+                    f"its simulator states have the shape {printable(shape[1:])} where those of the task's scene have "
+                    f"{self._claims.state_size} entries; it was recorded in another scene, record it again in this one"
+                )
+            if shape != expected:
+                raise RejectedLog(f"array '{name}' must have the shape {expected}, got {printable(shape)}")
+        for name in FINAL_KEYS:
+            if shapes[FINAL_PREFIX + name] != widths[name]:
+                raise RejectedLog(f"the final '{name}' is not finite or unlike those of the steps")
 
 
 def steps_to_keep(actions: NDArray[np.generic], idle: NDArray[np.bool_], kept_after_toggle: int) -> NDArray[np.bool_]:
@@ -120,52 +221,38 @@ def steps_to_keep(actions: NDArray[np.generic], idle: NDArray[np.bool_], kept_af
     return keep
 
 
-def _check_facts(log: OperatorLog) -> None:
-    try:
-        parse_randomness(log.randomness)
-        check_seeds(Purpose.DEMONSTRATIONS, [log.seed])
-    except ConfigError as error:
-        raise RejectedLog(str(error)) from None
-    num_pairs = len(get_task(log.task).pairs)
-    if not 0 <= log.parts_assembled <= num_pairs:
-        raise RejectedLog(f"it counts {log.parts_assembled} assembled pairs of the task's {num_pairs}")
-
-
-@cache
-def _sim_state_size(task: str) -> int:
-    return len(AssemblyEnv(task).get_state())
-
-
-def _check_arrays(log: OperatorLog) -> None:
-    num_parts = len(get_task(log.task).parts)
-    length = len(log)
-    shapes: dict[str, tuple[int, ...]] = {
-        "action": (length, ACTION_SIZE),
-        "proprioception": (length, PROPRIOCEPTION_SIZE),
-        "part_poses": (length, 7 * num_parts),
-        "reward": (length,),
-        "timestamp_s": (length,),
-        "idle": (length,),
-    }
-    if length == 0:
-        raise RejectedLog("it holds no steps")
-    for name, values in {**log.steps, "timestamp_s": log.timestamp_s, "idle": log.idle}.items():
-        if len(values) != length:
-            raise RejectedLog(f"array '{name}' has {len(values)} steps where 'action' has {length}")
-        if values.shape != shapes.get(name, values.shape):
-            raise RejectedLog(f"array '{name}' must have the shape {shapes[name]}, got {values.shape}")
-        broken = np.flatnonzero(~np.isfinite(np.asarray(values, dtype=np.float64)).reshape(length, -1).all(axis=1))
+def _check_finite(log: OperatorLog) -> None:
+    for name, values in {**log.steps, "timestamp_s": log.timestamp_s}.items():
+        numbers = np.asarray(values, dtype=np.float64).reshape(len(log), -1)
+        broken = np.flatnonzero(~np.isfinite(numbers).all(axis=1))
         if broken.size:
             raise RejectedLog(f"array '{name}' holds NaN or infinite values, first at step {broken[0]}")
-    size = _sim_state_size(log.task)
-    if log.steps[STATE_KEY].shape != (length, size):
-        raise RejectedLog(
-            f"its simulator states have the shape {log.steps[STATE_KEY].shape[1:]} where those of the task's scene "
-            f"have {size} entries; it was recorded in another scene, record it again in this one"
-        )
     for name in FINAL_KEYS:
-        if log.final[name].shape != log.steps[name].shape[1:] or not np.isfinite(log.final[name]).all():
+        if not np.isfinite(np.asarray(log.final[name], dtype=np.float64)).all():
             raise RejectedLog(f"the final '{name}' is not finite or unlike those of the steps")
+
+
+def _check_rewards(log: OperatorLog) -> None:
+    """A step earns as many points as pairs it assembles."""
+    reward = np.asarray(log.steps["reward"], dtype=np.float64)
+    odd = np.flatnonzero((reward < 0) | (reward != np.rint(reward)) | (reward > log.parts_assembled))
+    if odd.size:
+        raise RejectedLog(f"the reward of step {odd[0]} must be a number of pairs, got {reward[odd[0]]:g}")
+    if reward.sum() != log.parts_assembled:
+        raise RejectedLog(
+            f"its rewards add up to {reward.sum():g}, but it counts {log.parts_assembled} assembled pairs"
+        )
+    for name, step in log.milestones.items():
+        if step > len(log):
+            raise RejectedLog(f"it claims milestone '{name}' after {step} steps, but holds {len(log)}")
+
+
+def _digest(log: OperatorLog) -> str:
+    """The same for the same recording, whatever its name, its device and how it was compressed."""
+    content = hashlib.sha256()
+    for name in ("action", STATE_KEY):
+        content.update(np.ascontiguousarray(log.steps[name]).tobytes())
+    return content.hexdigest()
 
 
 def _check_actions(log: OperatorLog) -> None:

@@ -6,7 +6,8 @@ A CSV file has the header ``episode,step,critical_state``; a YAML file is a list
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+import io
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,22 @@ from typing import Any
 import yaml
 
 from juicer.errors import InvalidLabels, did_you_mean
+from juicer.reading import read_bounded
+from juicer.text import printable
 
 COLUMNS = ("episode", "step", "critical_state")
+
+MOST_BYTES = 2**18
+"""Largest labels file: room for thousands of labels."""
+
+_MOST_DIGITS = 9
+_DEEPEST = 3
+"""A document, its list, and the mappings in it."""
+_SEPARATORS = {";": "semicolons", "\t": "tabs"}
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+Row = tuple[str, list[tuple[str, str]]]
+"""Place in the file, and its keys and values."""
 
 
 @dataclass(frozen=True)
@@ -39,19 +54,30 @@ def read_labels(path: Path) -> list[Label]:
     """Read a labels file, YAML or CSV by its ending.
 
     Raises:
-        InvalidLabels: If the file cannot be read, a key is missing or unknown, a value is no whole number,
-            or a critical state of an episode is labelled twice.
+        InvalidLabels: If the file cannot be read or holds no label, a key is missing, unknown or there twice, a value
+            is no whole number, or a critical state of an episode is labelled twice.
     """
     readers = {".csv": _read_csv, ".yaml": _read_yaml, ".yml": _read_yaml}
+    name = printable(path)
     if path.suffix not in readers:
-        raise InvalidLabels(f"labels file '{path}' must end in .csv, .yaml or .yml")
+        raise InvalidLabels(f"labels file '{name}' must end in .csv, .yaml or .yml")
     try:
-        rows = readers[path.suffix](path)
+        text = read_bounded(path, MOST_BYTES).decode("utf-8-sig")
+        rows = list(readers[path.suffix](text, name))
     except FileNotFoundError:
-        raise InvalidLabels(f"labels file '{path}' does not exist") from None
-    except (OSError, UnicodeDecodeError, csv.Error, yaml.YAMLError) as error:
-        raise InvalidLabels(f"labels file '{path}' cannot be read: {' '.join(str(error).split())}") from None
-    labels = [_label(row, f"{path.name}, {where}") for where, row in rows]
+        raise InvalidLabels(f"labels file '{name}' does not exist") from None
+    except UnicodeDecodeError:
+        raise InvalidLabels(f"labels file '{name}' is not UTF-8 text; save it as UTF-8") from None
+    except OSError as error:
+        raise InvalidLabels(f"labels file '{name}' cannot be read: {error.strerror or error}") from None
+    except (csv.Error, yaml.YAMLError, RecursionError) as error:
+        raise InvalidLabels(f"labels file '{name}' cannot be read: {printable(' '.join(str(error).split()))}") from None
+    if not rows:
+        raise InvalidLabels(f"labels file '{name}' holds no label; leave it out if there is nothing to label")
+    return _distinct(_label(row, f"{printable(path.name)}, {where}") for where, row in rows)
+
+
+def _distinct(labels: Iterable[Label]) -> list[Label]:
     seen: dict[tuple[int, int], Label] = {}
     for label in labels:
         other = seen.setdefault((label.episode, label.critical_state), label)
@@ -60,37 +86,90 @@ def read_labels(path: Path) -> list[Label]:
                 f"{label.where}: critical state {label.critical_state} of episode {label.episode} "
                 f"was already labelled at {other.where}; keep one of the two"
             )
-    return labels
+    return list(seen.values())
 
 
-def _read_csv(path: Path) -> list[tuple[str, Any]]:
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        reader = csv.DictReader(file, skipinitialspace=True)
-        return [(f"line {reader.line_num}", row) for row in reader]
+def _read_csv(text: str, name: str) -> Iterator[Row]:
+    reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True, strict=True)
+    columns: list[str] | None = None
+    for values in reader:
+        if not any(value.strip() for value in values):
+            continue
+        where = f"line {reader.line_num}"
+        if columns is None:
+            columns = [value.strip() for value in values]
+            _check_columns(columns, f"{name}, {where}")
+        elif len(values) != len(columns):
+            raise InvalidLabels(f"{name}, {where}: {len(columns)} values are needed, got {len(values)}")
+        else:
+            yield where, list(zip(columns, values, strict=True))
 
 
-def _read_yaml(path: Path) -> list[tuple[str, Any]]:
-    content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    if not isinstance(content, list):
-        raise InvalidLabels(f"labels file '{path}' must hold a list of entries with the keys {', '.join(COLUMNS)}")
-    return [(f"entry {number}", row) for number, row in enumerate(content, start=1)]
+def _check_columns(columns: list[str], where: str) -> None:
+    """A table that begins with a label instead of its columns would lose that label."""
+    if len(columns) == 1:
+        for separator, words in _SEPARATORS.items():
+            if separator in columns[0]:
+                raise InvalidLabels(f"{where}: its values are separated by {words}; separate them by commas")
+    if all(column.isdecimal() for column in columns):
+        raise InvalidLabels(
+            f"{where}: it must name the columns {','.join(COLUMNS)}, got {printable(','.join(columns))}"
+        )
+    _check_keys(columns, where)
 
 
-def _label(row: Any, where: str) -> Label:
-    if not isinstance(row, Mapping):
-        raise InvalidLabels(f"{where}: expected the keys {', '.join(COLUMNS)}, got {row!r}")
-    for key in row:
+def _read_yaml(text: str, name: str) -> Iterator[Row]:
+    _check_events(text, name)
+    root = yaml.compose(text, _Loader)
+    if root is None:
+        return
+    if not isinstance(root, yaml.SequenceNode):
+        raise InvalidLabels(f"labels file '{name}' must hold a list of entries with the keys {', '.join(COLUMNS)}")
+    for number, entry in enumerate(root.value, start=1):
+        where = f"entry {number}"
+        if not isinstance(entry, yaml.MappingNode):
+            raise InvalidLabels(f"{name}, {where}: expected the keys {', '.join(COLUMNS)}, got {_shown(entry)}")
+        for _, value in entry.value:
+            if not isinstance(value, yaml.ScalarNode):
+                raise InvalidLabels(f"{name}, {where}: every value must be a whole number, got {_shown(value)}")
+        yield where, [(_shown(key), value.value) for key, value in entry.value]
+
+
+def _check_events(text: str, name: str) -> None:
+    """Refuse what a tree could not be built of in reasonable time; events come one by one."""
+    depth = 0
+    for event in yaml.parse(text, _Loader):
+        if isinstance(event, yaml.AliasEvent):
+            raise InvalidLabels(f"labels file '{name}' refers to another part of itself (*); write every value out")
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST:
+            raise InvalidLabels(f"labels file '{name}' is nested too deeply; it is a list of entries")
+
+
+def _shown(node: yaml.Node) -> str:
+    return printable(node.value) if isinstance(node, yaml.ScalarNode) else f"a {node.tag.rpartition(':')[2]}"
+
+
+def _label(row: list[tuple[str, str]], where: str) -> Label:
+    _check_keys([key for key, _ in row], where)
+    return Label(**{key: _whole_number(value, key, where) for key, value in row}, where=where)
+
+
+def _check_keys(keys: list[str], where: str) -> None:
+    for key in keys:
         if key not in COLUMNS:
-            raise InvalidLabels(f"{where}: unknown key '{key}'{did_you_mean(str(key), COLUMNS)}")
-    values = {key: _whole_number(row.get(key), key, where) for key in COLUMNS}
-    return Label(**values, where=where)
+            raise InvalidLabels(f"{where}: unknown key '{printable(key)}'{did_you_mean(key, COLUMNS)}")
+        if keys.count(key) > 1:
+            raise InvalidLabels(f"{where}: '{key}' is there twice")
+    for column in COLUMNS:
+        if column not in keys:
+            raise InvalidLabels(f"{where}: '{column}' is missing")
 
 
-def _whole_number(value: Any, key: str, where: str) -> int:
-    if isinstance(value, int) and not isinstance(value, bool):
-        return value
-    if isinstance(value, str) and value.strip().isdecimal():
-        return int(value)
-    if value is None:
-        raise InvalidLabels(f"{where}: '{key}' is missing")
-    raise InvalidLabels(f"{where}: '{key}' must be a whole number, got {value!r}")
+def _whole_number(text: str, key: str, where: str) -> int:
+    digits = text.strip()
+    if not digits.isdecimal():
+        raise InvalidLabels(f"{where}: '{key}' must be a whole number, got '{printable(text)}'")
+    if len(digits) > _MOST_DIGITS:
+        raise InvalidLabels(f"{where}: '{key}' is too large a number, it has {len(digits)} digits")
+    return int(digits)

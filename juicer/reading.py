@@ -44,7 +44,11 @@ def read_bounded(path: Path, most_bytes: int) -> bytes:
         OSError: If it cannot be read; :class:`UnsuitableFile` if it is not a plain file, or too large.
     """
     with open_plain(path) as file:
-        content = file.read(most_bytes + 1)
-    if len(content) > most_bytes:
-        raise UnsuitableFile(path, f"it is larger than {most_bytes:,} bytes")
+        # Memory is asked for by what the file says of its size: a small one must not cost what a large one may.
+        size = os.fstat(file.fileno()).st_size
+        if size > most_bytes:
+            raise UnsuitableFile(path, f"it is larger than {most_bytes:,} bytes")
+        content = file.read(size + 1)
+    if len(content) > size:
+        raise UnsuitableFile(path, "it grows while it is read")
     return content

@@ -9,13 +9,17 @@ from pathlib import Path
 from juicer.artifacts.ref import ArtifactRef
 from juicer.episode import Episode
 from juicer.errors import NothingLeft
-from juicer.ingestion import IngestionConfig, Rejection
+from juicer.ingestion import Demonstration, IngestionConfig, Rejection
 from juicer.ingestion import ingest as ingest_logs
 from juicer.storage.episodes import write_episodes
+from juicer.storage.recordings import Recording, write_recordings
 from juicer.teleoperation.log import SUFFIX
 from stages.stage import StageContext, stage
 
 REJECTIONS_SHOWN = 100
+REASONS_TOLD = 10
+"""Rejections that the message of a stage that failed repeats."""
+DEVICES_SHOWN = 20
 
 
 @stage(kind="episodes", inputs={"logs": "logs"}, libraries=("mujoco", "numpy", "zarr"))
@@ -33,37 +37,54 @@ def ingest(
     try:
         write_episodes(context.draft.path, episodes, {"source": "teleop", "task": config.task})
     except NothingLeft:
-        reason = tally.rejected[0].reason if tally.rejected else "there were none"
-        raise NothingLeft(
-            f"no demonstration is left of {len(paths)} operator logs; the first reason: {reason}"
-        ) from None
-    context.draft.summary |= tally.facts(len(paths))
+        raise NothingLeft(f"no demonstration is left of {len(paths)} operator logs; {tally.reasons()}") from None
+    write_recordings(context.draft.path, tally.recordings)
+    context.draft.summary |= tally.facts()
 
 
 class _Tally:
-    """Counts what passes by."""
+    """Notes what becomes of each log that passes by."""
 
     def __init__(self) -> None:
-        self.rejected: list[Rejection] = []
-        self._lengths: list[int] = []
+        self.recordings: list[Recording] = []
         self._devices: Counter[str] = Counter()
 
-    def keep(self, results: Iterable[Episode | Rejection]) -> Iterator[Episode]:
+    def keep(self, results: Iterable[Demonstration | Rejection]) -> Iterator[Episode]:
+        episodes = 0
         for result in results:
             if isinstance(result, Rejection):
-                self.rejected.append(result)
+                self.recordings.append(Recording(result.source, reason=result.reason))
                 continue
-            self._lengths.append(len(result))
-            self._devices[result.record.device or "unknown"] += 1
-            yield result
+            kept = tuple(result.kept.tolist())
+            self.recordings.append(Recording(result.source, episodes, result.num_steps, kept))
+            self._devices[result.episode.record.device or "unknown"] += 1
+            episodes += 1
+            yield result.episode
 
-    def facts(self, num_logs: int) -> dict[str, object]:
+    def reasons(self) -> str:
+        """Why logs were rejected, for a message."""
+        rejected = self._rejected
+        if not rejected:
+            return "the first reason: there were none"
+        told = "; ".join(f"{entry.log}: {entry.reason}" for entry in rejected[1:REASONS_TOLD])
+        more = f"; and {len(rejected) - REASONS_TOLD} more" if len(rejected) > REASONS_TOLD else ""
+        return f"the first reason: {rejected[0].reason} ({rejected[0].log})" + (f"; {told}" if told else "") + more
+
+    def facts(self) -> dict[str, object]:
+        rejected = self._rejected
+        kept = [entry for entry in self.recordings if entry.episode is not None]
+        steps = sum(len(entry.kept) for entry in kept)
         return {
-            "logs": num_logs,
-            "episodes": len(self._lengths),
-            "rejected": len(self.rejected),
-            "steps": sum(self._lengths),
-            "mean_length": sum(self._lengths) / len(self._lengths),
-            "devices": dict(self._devices),
-            "rejections": {entry.source: entry.reason for entry in self.rejected[:REJECTIONS_SHOWN]},
+            "logs": len(self.recordings),
+            "episodes": len(kept),
+            "rejected": len(rejected),
+            "steps": steps,
+            "idle_steps_dropped": sum(entry.num_dropped for entry in kept),
+            "mean_length": steps / len(kept),
+            "devices": dict(self._devices.most_common(DEVICES_SHOWN)),
+            "rejections": {entry.log: entry.reason for entry in rejected[:REJECTIONS_SHOWN]},
         }
+
+    @property
+    def _rejected(self) -> list[Recording]:
+        return [entry for entry in self.recordings if entry.reason]

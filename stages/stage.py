@@ -13,7 +13,6 @@ id of the artifact. If the store has that id, the body does not run.
 
 from __future__ import annotations
 
-import hashlib
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -27,7 +26,8 @@ from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
-from juicer.errors import ConfigError, WrongArtifactKind
+from juicer.errors import WrongArtifactKind
+from stages.given_files import check_unchanged, describe_files
 from stages.isolation import Work, run_isolated
 from stages.session import Session, StageContext, StageInterrupted
 
@@ -97,7 +97,6 @@ class Stage(Generic[P]):
 
     def _recipe(self, arguments: Mapping[str, Any]) -> Recipe:
         inputs: dict[str, tuple[ArtifactRef, ...]] = {}
-        files: dict[str, str] = {}
         for role, value in arguments.items():
             items = value if isinstance(value, tuple) else (value,)
             if role == CONFIG or value is None or not items:
@@ -105,10 +104,7 @@ class Stage(Generic[P]):
             if all(isinstance(item, ArtifactRef) for item in items):
                 self._check_kinds(role, items)
                 inputs[role] = items
-            elif all(isinstance(item, Path) for item in items):
-                files |= {f"{role}/{path.name}": _digest(path) for path in items}
-                _check_names(role, items)
-            else:
+            elif not all(isinstance(item, Path) for item in items):
                 raise TypeError(f"stage '{self.name}': '{role}' must be artifacts or paths, got {value!r}")
         module = self.body.__module__
         return Recipe(
@@ -117,10 +113,23 @@ class Stage(Generic[P]):
             inputs=inputs,
             config=arguments[CONFIG].model_dump(mode="json"),
             code=code_version(module),
-            files=files,
+            files=self.describe_files(arguments),
             libraries=library_versions(self._libraries),
             modules=module_versions(module),
         )
+
+    def describe_files(self, arguments: Mapping[str, Any]) -> dict[str, str]:
+        """Contents of the files among the arguments, as a recipe names them.
+
+        Raises:
+            ConfigError: If one cannot be read.
+        """
+        described: dict[str, str] = {}
+        for role, value in arguments.items():
+            items = value if isinstance(value, tuple) else (value,)
+            if items and all(isinstance(item, Path) for item in items):
+                described |= describe_files(role, items, one_of_many=isinstance(value, tuple))
+        return described
 
     def _check_kinds(self, role: str, refs: tuple[ArtifactRef, ...]) -> None:
         expected = self._inputs[role]
@@ -186,6 +195,7 @@ class StageCall:
         with session.store.create(self.recipe, replacing=replacing) as draft:
             if not draft.adopted:
                 self._fill(session, draft)
+                check_unchanged(self.recipe.files, self.stage.describe_files(self.arguments))
         return draft.adopted
 
     def _fill(self, session: Session, draft: Draft) -> None:
@@ -235,20 +245,3 @@ def brief(manifest: Manifest) -> str:
     return ", ".join(
         f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}" for key, value in facts.items()
     )
-
-
-def _digest(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except FileNotFoundError:
-        raise ConfigError(f"file '{path}' does not exist") from None
-    except OSError as error:
-        raise ConfigError(f"file '{path}' cannot be read: {error.strerror}") from None
-
-
-def _check_names(role: str, paths: tuple[Path, ...]) -> None:
-    names = [path.name for path in paths]
-    for name in names:
-        if names.count(name) > 1:
-            raise ConfigError(f"two of the {role} are named '{name}'; give each its own name")

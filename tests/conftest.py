@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
 # Set before anything imports these libraries: they read their settings once.
 for _name, _value in {
@@ -22,6 +23,9 @@ from numpy.typing import NDArray
 
 from juicer.episode import ACTION_SIZE, FINAL_KEYS, PROPRIOCEPTION_SIZE, Episode, EpisodeRecord, Outcome, Source
 from juicer.seeding import stream
+
+if TYPE_CHECKING:
+    from juicer.teleoperation.log import OperatorLog
 
 NUM_PARTS = 5
 SIM_STATE_SIZE = 12
@@ -96,6 +100,28 @@ def episode_factory() -> EpisodeFactory:
 def rng() -> np.random.Generator:
     """A fixed random stream."""
     return stream(0, "test")
+
+
+@pytest.fixture(scope="session")
+def recording() -> OperatorLog:
+    """What the scripted operator's assembly of one leg leaves behind, from the reset to success."""
+    return _record(0)
+
+
+@pytest.fixture(scope="session")
+def second_recording() -> OperatorLog:
+    """Another one, of another initial state."""
+    return _record(1)
+
+
+def _record(seed: int) -> OperatorLog:
+    # Imported here: most tests need no simulator.
+    from juicer.sim.env import AssemblyEnv
+    from juicer.teleoperation.operator import ScriptedOperator
+    from juicer.teleoperation.record import record_demonstration
+
+    env = AssemblyEnv("one_leg")
+    return record_demonstration(env, ScriptedOperator(env.task, stream(0, "operator", seed)), seed)
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -39,8 +40,12 @@ def test_csv_and_yaml_say_the_same(tmp_path: Path):
         ("labels.yaml", "episode: 3", "must hold a list of entries"),
         ("labels.yaml", "- 3", "entry 1: expected the keys episode, step, critical_state, got 3"),
         ("labels.yaml", "- {episode: 3, step: 4, critical_stat: 0}", "did you mean 'critical_state'"),
-        ("labels.yaml", "- {episode: 3, step: 4.5, critical_state: 0}", "'step' must be a whole number, got 4.5"),
-        ("labels.yaml", "- {episode: true, step: 4, critical_state: 0}", "'episode' must be a whole number, got True"),
+        ("labels.yaml", "- {episode: 3, step: 4.5, critical_state: 0}", "'step' must be a whole number, got '4.5'"),
+        (
+            "labels.yaml",
+            "- {episode: true, step: 4, critical_state: 0}",
+            "'episode' must be a whole number, got 'true'",
+        ),
         ("labels.yaml", "[", "cannot be read"),
     ],
 )
@@ -54,3 +59,40 @@ def test_bad_labels_are_refused_in_one_sentence(tmp_path: Path, name: str, text:
 def test_a_missing_file_is_named(tmp_path: Path):
     with pytest.raises(InvalidLabels, match=r"absent\.csv' does not exist"):
         read_labels(tmp_path / "absent.csv")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\ufeffepisode,step,critical_state\n3,120,0\n",
+        "episode,step,critical_state\r\n3,120,0\r\n",
+        "episode,step,critical_state\r3,120,0\r",
+        "critical_state, step, episode\n0, 120, 3\n\n",
+        '"episode","step","critical_state"\n"3","120\n","0"\n',
+        "episode,step,critical_state\n03,00120,0",
+    ],
+)
+def test_what_table_editors_write_is_read(tmp_path: Path, text: str):
+    (label,) = read_labels(write(tmp_path, "labels.csv", text))
+    assert (label.episode, label.step, label.critical_state) == (3, 120, 0)
+
+
+def test_numbers_in_yaml_are_decimal_as_in_a_table(tmp_path: Path):
+    (label,) = read_labels(write(tmp_path, "labels.yml", "- {episode: 010, step: '120', critical_state: 0}"))
+    assert (label.episode, label.step) == (10, 120)
+
+
+def test_only_plain_files_of_sensible_size_are_read(tmp_path: Path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "folder.csv").mkdir()
+    (tmp_path / "zero.yaml").symlink_to("/dev/zero")
+    with (tmp_path / "large.csv").open("wb") as file:
+        file.truncate(2**30)
+    for name, reason in {
+        "pipe.csv": "not a plain file",
+        "folder.csv": "not a plain file",
+        "zero.yaml": "not a plain file",
+        "large.csv": "larger than",
+    }.items():
+        with pytest.raises(InvalidLabels, match=reason):
+            read_labels(tmp_path / name)

@@ -8,6 +8,7 @@ from typing import Any
 import typer
 
 from flows.commands.output import bytes_text, say, say_json, say_table
+from flows.commands.recordings import describe_recordings, find_recordings, say_recordings
 from flows.facts import headline
 from flows.inspection import inspect
 from flows.settings import read_settings
@@ -18,6 +19,7 @@ from juicer.artifacts.ref import KINDS, ArtifactRef
 from juicer.artifacts.store import ArtifactStore, in_order
 from juicer.errors import ArtifactNotFound, ConfigError, DamagedArtifact, UnreadableArtifact, did_you_mean
 from juicer.text import printable
+from stages.given_files import UNREADABLE
 
 LONGEST_VALUE = 1000
 MANY_TROUBLES = 8
@@ -47,7 +49,9 @@ def show_artifact(text: str, as_json: bool) -> None:
     ref = store.resolve(text)
     manifest = store.manifest(ref)
     if as_json:
-        say_json({**describe(manifest), "recipe": manifest.recipe.to_json(), "host": dict(manifest.host)})
+        recordings = find_recordings(store, ref)
+        content = {**describe(manifest), "recipe": manifest.recipe.to_json(), "host": dict(manifest.host)}
+        say_json(content | ({"recordings": describe_recordings(recordings)} if recordings else {}))
         return
     recipe = manifest.recipe
     stage = printable(recipe.stage)
@@ -57,7 +61,8 @@ def show_artifact(text: str, as_json: bool) -> None:
     for role, refs in recipe.inputs.items():
         say(f"{printable(role)}: {', '.join(map(str, refs))}")
     for label, digest in recipe.files.items():
-        say(f"file {printable(label)}: sha256 {printable(digest[:16])}")
+        shown = digest if digest.startswith(UNREADABLE) else f"sha256 {digest[:16]}"
+        say(f"file {printable(label)}: {printable(shown)}")
     _say_section("configuration", recipe.config)
     _say_section("facts", manifest.summary)
     say(f"files ({bytes_text(sum(entry.bytes for entry in manifest.files))})")
@@ -65,6 +70,7 @@ def show_artifact(text: str, as_json: bool) -> None:
         say(f"  {printable(entry.path)}  {bytes_text(entry.bytes)}")
     if len(manifest.files) > 20:
         say(f"  and {len(manifest.files) - 20} more")
+    say_recordings(find_recordings(store, ref))
     say(f"in {store.open(ref)}")
 
 

@@ -11,10 +11,12 @@ import typer
 
 from flows.commands.choosing import Choice
 from flows.commands.output import say, say_json, say_table
+from flows.commands.recordings import find_recordings, say_recordings
 from flows.environment import API_VARIABLE, prepare_environment
 from flows.settings import Settings, read_settings
 from flows.store import open_store
 from flows.temporary_server import TemporaryServer
+from juicer.artifacts.ref import ArtifactRef
 from juicer.errors import ServiceUnavailable
 from stages.isolation import warm_up
 
@@ -118,8 +120,10 @@ def run_stage(name: str, choice: Choice, force: bool, as_json: bool) -> None:
     if as_json:
         say_json(refs)
     else:
+        store = open_store(settings)
         for ref in refs:
             say(ref)
+            say_recordings(find_recordings(store, ArtifactRef.parse(ref)))
 
 
 def explain_stage(name: str, choice: Choice, as_json: bool) -> None:

@@ -68,3 +68,13 @@ def test_headline_of_an_evaluation_is_its_rate_with_interval():
     summary = {"success_rate": 0.5, "episodes": 100, "interval_low": 0.4, "interval_high": 0.6}
     assert headline(summary) == "success 50% of 100 episodes (40% to 60%)"
     assert headline({"snippets": 96, "yield": 0.5, "other": "x"}) == "yield 0.5, snippets 96"
+
+
+def test_rejected_logs_are_listed_when_they_are_rejected_and_not_again(board, output):
+    rejections = {f"{number:02}.npz": "the operator marked it as failed" for number in range(25)}
+    for state in ("done", "reused"):
+        board.started("ingest", "")
+        board.finished("ingest", "", state, {"episodes": 1, "rejections": rejections})
+    lines = [line.strip() for line in output.getvalue().splitlines() if "npz" in line or "more" in line]
+    assert lines[0] == "00.npz: the operator marked it as failed"
+    assert lines[20:] == ["and 5 more; see `juicer show`"]

@@ -19,7 +19,7 @@ from juicer.rollout import rollout
 from juicer.storage.curves import read_curves
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.storage.tables import read_annotations, read_evaluation, read_selection
-from juicer.teleoperation.log import OperatorLog, write_log
+from juicer.teleoperation.log import write_log
 from juicer.training.config import TrainingConfig
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
@@ -43,7 +43,7 @@ TRAINING = TrainingConfig(
     steps=6, batch_size=16, warmup_steps=2, validation_fraction=0.5, validate_every=3, report_every=2, save_every=2
 )
 SCENE = {"task": "one_leg", "randomness": "low"}
-INGEST = IngestionConfig(task="one_leg", min_steps=10)
+INGEST = IngestionConfig(task="one_leg")
 TRAIN = TrainConfig(policy=POLICY, training=TRAINING)
 AUGMENT = AugmentConfig(num_snippets=2)
 COLLECT = CollectConfig(**SCENE, successes=1, max_episodes=2, max_steps=12)
@@ -67,29 +67,12 @@ class Loop:
         return self.session.store
 
 
-def write_logs(folder, episodes):
-    for index, episode in enumerate(episodes):
-        facts = episode.record
-        log = OperatorLog(
-            task=facts.task,
-            randomness=facts.randomness,
-            seed=facts.seed,
-            device="test hand",
-            success=True,
-            outcome="success",
-            parts_assembled=1,
-            steps=episode.steps,
-            final=episode.final,
-            timestamp_s=np.arange(len(episode)) * 0.1,
-            idle=np.zeros(len(episode), bool),
-        )
-        write_log(folder / f"{index}.npz", log)
-    return tuple(sorted(folder.glob("*.npz")))
-
-
 @pytest.fixture(scope="module")
-def logs(tmp_path_factory, insertions):
-    return write_logs(tmp_path_factory.mktemp("logs"), insertions)
+def logs(tmp_path_factory, recording, second_recording):
+    folder = tmp_path_factory.mktemp("logs")
+    write_log(folder / "0.npz", recording)
+    write_log(folder / "1.npz", second_recording)
+    return (folder / "0.npz", folder / "1.npz")
 
 
 @pytest.fixture(scope="module")
@@ -298,7 +281,8 @@ def test_replayed_demonstrations_succeed_from_the_state_they_began_in(loop):
     (demonstration, *_) = EpisodeReader(loop.store.open(loop.demonstrations)).records
     (episode,) = rollout(policy, "one_leg", "low", [demonstration.seed], num_envs=1)
     recorded = EpisodeReader(loop.store.open(loop.demonstrations)).read(0)
-    np.testing.assert_array_equal(episode.steps["action"][: len(recorded)], recorded.steps["action"])
+    assert episode.record.outcome == "success"
+    np.testing.assert_array_equal(episode.steps["action"], recorded.steps["action"][: len(episode)])
     assert evaluate(loop.session, checkpoint=checkpoint, config=EVALUATE).kind == "evaluation"
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import resource
+import signal
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,8 +14,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from juicer.errors import RejectedLog
-from juicer.teleoperation.log import VERSION, read_log, write_log
+from juicer.episode import Outcome
+from juicer.errors import LogNotWritten, RejectedLog
+from juicer.teleoperation.log import MOST_STEPS, VERSION, OperatorLog, read_log, write_log
 
 
 def test_a_log_reads_back_as_it_was_written(make_log, tmp_path: Path):
@@ -143,3 +147,77 @@ def test_numbers_are_read_as_they_will_be_stored(make_log, tmp_path: Path):
     proprioception = read_log(tmp_path / "log.npz").steps["proprioception"]
     assert proprioception.dtype == np.float32
     assert np.isinf(proprioception).all()
+
+
+BAD_TO_WRITE: dict[str, tuple[dict[str, Any], str]] = {
+    "a missing array": ({"steps": {"action": np.zeros((80, 10))}}, "array 'proprioception' is missing"),
+    "an unknown array": (
+        {"steps": {"images": np.zeros((80, 10))}},
+        "there is no place in a log for the array 'images'",
+    ),
+    "an action too short": ({"steps": {"action": np.zeros((80, 9))}}, "'action' must have the shape"),
+    "another length": ({"idle": np.zeros(79, bool)}, "'idle' must have the shape"),
+    "one axis more": ({"timestamp_s": np.zeros((80, 1))}, "'timestamp_s' must have the shape"),
+    "rows of different lengths": ({"idle": [[True], [True, False]]}, "rows of different lengths"),
+    "numbers for truths": ({"idle": np.zeros(80)}, "'idle' must hold bool"),
+    "texts for numbers": ({"timestamp_s": np.array(["1"] * 80)}, "'timestamp_s' must hold float64"),
+    "complex numbers": ({"timestamp_s": np.zeros(80, complex)}, "'timestamp_s' must hold float64"),
+    "objects": ({"timestamp_s": np.array([None] * 80)}, "'timestamp_s' must hold float64"),
+    "another final state": ({"final": {"sim_state": np.zeros(3)}}, "'final_sim_state' must have the shape"),
+    "a seed that is no number": ({"seed": "seven"}, "header entry 'seed'"),
+    "a mark that is none": ({"success": 1}, "header entry 'success'"),
+    "a milestone that is no step": ({"milestones": {"leg_lifted": 3.5}}, "milestone 'leg_lifted' must be the number"),
+    "a device that steers terminals": ({"device": "\x1b[31m"}, "'device' must be at most 200 printable letters"),
+    "a long device": ({"device": "x" * 201}, "'device' must be at most 200 printable letters"),
+}
+
+
+@pytest.mark.parametrize(("changes", "reason"), BAD_TO_WRITE.values(), ids=list(BAD_TO_WRITE))
+def test_a_bad_log_is_not_written(make_log, tmp_path: Path, changes: dict[str, Any], reason: str):
+    log = make_log()
+    parts = {
+        name: ({} if "missing" in reason else dict(getattr(log, name))) | changes[name]
+        for name in ("steps", "final")
+        if name in changes
+    }
+    with pytest.raises(RejectedLog, match=reason):
+        write_log(tmp_path / "log.npz", make_log(**(changes | parts)))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_log_without_steps_or_with_too_many_is_not_written(make_log, tmp_path: Path):
+    for length in (0, MOST_STEPS + 1):
+        with pytest.raises(RejectedLog, match=f"must hold 1 to 20,000 steps, got {length:,}"):
+            write_log(tmp_path / "log.npz", make_log(length=1, **_resized(make_log(length=1), length)))
+
+
+def _resized(log: OperatorLog, length: int) -> dict[str, Any]:
+    steps = {name: np.resize(values, (length, *values.shape[1:])) for name, values in log.steps.items()}
+    return {"steps": steps, "timestamp_s": np.arange(float(length)), "idle": np.zeros(length, bool)}
+
+
+def test_what_numpy_and_environments_give_is_written_as_it_is_meant(make_log, tmp_path: Path):
+    log = make_log(seed=np.int64(7), success=np.True_, outcome=Outcome.SUCCESS, milestones={"screwed": np.int32(3)})
+    write_log(tmp_path / "log.npz", log)
+    back = read_log(tmp_path / "log.npz")
+    assert (back.seed, back.success, back.outcome, back.milestones) == (7, True, "success", {"screwed": 3})
+
+
+@pytest.mark.parametrize(("name", "reason"), [("log", "must end in .npz"), ("folder/log.npz", "folder does not exist")])
+def test_a_place_that_cannot_be_written_is_named(make_log, tmp_path: Path, name: str, reason: str):
+    with pytest.raises(LogNotWritten, match=f"log '{tmp_path / name}' cannot be written: .*{reason}"):
+        write_log(tmp_path / name, make_log())
+
+
+def test_a_full_disk_is_named_and_leaves_nothing(make_log, tmp_path: Path):
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, limit[1]))
+    try:
+        with pytest.raises(LogNotWritten, match="cannot be written: File too large") as refusal:
+            write_log(tmp_path / "log.npz", make_log())
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert refusal.value.errno == errno.EFBIG
+    assert list(tmp_path.iterdir()) == []
