@@ -10,7 +10,6 @@ from typing import Annotated
 import typer
 
 from juicer.errors import JuicerError
-from juicer.sim.display import draw_without_display
 
 INTERRUPTED = 130
 
@@ -197,7 +196,6 @@ def main() -> None:
 
 def call(arguments: list[str]) -> int:
     """Run a command; gives its exit status."""
-    draw_without_display()
     command = typer.main.get_command(app)
     try:
         status = command.main(arguments, prog_name="juicer", standalone_mode=False)
