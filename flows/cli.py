@@ -19,7 +19,6 @@ from flows.streams import tolerate_refusals
 from juicer import __version__
 from juicer.artifacts.ref import KINDS
 from juicer.errors import JuicerError
-from juicer.sim.display import draw_without_display
 from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import Randomness
 from stages.names import STAGES
@@ -281,7 +280,6 @@ def main() -> None:
 
 def call(arguments: list[str]) -> int:
     """Run a command; gives its exit status."""
-    draw_without_display()
     bypass_proxies_on_loopback()
     command = typer.main.get_command(app)
     as_json = "--json" in arguments

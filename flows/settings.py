@@ -30,7 +30,7 @@ class Settings(BaseSettings):
         workers: Stages that run at the same time.
         spread: Whether the stages of flows run on the machines that serve them (``juicer serve``) instead of this one.
         num_envs: Simulated environments that a rollout steps side by side.
-        device: Torch device that policies are trained on: ``cpu``, ``cuda``, or ``cuda:1`` for the second GPU.
+        device: Torch device that policies are trained on and act on: ``cpu``, ``cuda``, or ``cuda:1`` for the second.
         startup_seconds: How long a Prefect or MLflow server may take to answer after its start.
     """
 

@@ -19,7 +19,7 @@ class ConfigError(JuicerError):
 
 
 class InvalidAction(JuicerError, ValueError):
-    """An action is not finite, has the wrong shape, or encodes no rotation."""
+    """An action is not finite, has the wrong shape or encodes no rotation, or there is no state to act on."""
 
 
 class ArtifactError(JuicerError):
@@ -83,6 +83,10 @@ class TrackingError(JuicerError):
 
 class InvalidObservation(JuicerError, ValueError):
     """A policy is shown something it was not built for."""
+
+
+class PolicyFailed(JuicerError):
+    """A policy that a user wrote fails when it is asked for actions, or is none at all."""
 
 
 class InvalidCheckpoint(JuicerError):

@@ -6,19 +6,22 @@ The simulator and the policy meet only here, through the :class:`Policy` protoco
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from juicer.episode import ACTION_SIZE, OBSERVATION_KEYS, Episode, EpisodeRecord, Outcome, Source
-from juicer.errors import ConfigError, InvalidAction
+from juicer.errors import ConfigError, InvalidAction, JuicerError, PolicyFailed
 from juicer.progress import Progress, silent_progress
 from juicer.seeding import stream
+from juicer.sim.arguments import checked_seed, is_whole, shown
+from juicer.sim.controller import real_numbers
 from juicer.sim.env import AssemblyEnv
 from juicer.sim.recorder import EpisodeRecorder
+from juicer.text import printable
 
 
 class Policy(Protocol):
@@ -36,12 +39,51 @@ class Policy(Protocol):
 
     def predict(
         self, observations: Mapping[str, NDArray[np.float32]], streams: Sequence[np.random.Generator]
-    ) -> NDArray[np.floating[Any]]:
+    ) -> NDArray[np.generic]:
         """Action chunks ``(N, at least T_a, 10)``, absolute, for observations ``(N, T_o, ...)``.
 
         A row must depend on its own observation and its own stream only, never on N or its neighbours.
         """
         ...
+
+
+Reaction = Callable[[Mapping[str, NDArray[np.float32]]], Any]
+"""A plain function from one observation, ``(D,)`` an array, to one action ``(10,)``."""
+
+
+def as_policy(policy: Policy | Reaction) -> Policy:
+    """A policy as it is, or made of a function that depends on nothing but its argument.
+
+    Raises:
+        PolicyFailed: If it is neither.
+    """
+    if isinstance(policy, type):
+        raise PolicyFailed(f"a policy is an object, and '{policy.__name__}' is a class; call it to make one")
+    if hasattr(policy, "predict"):
+        return cast("Policy", policy)
+    if not callable(policy):
+        raise PolicyFailed(
+            "a policy is a function from an observation to an action, or has obs_horizon, action_horizon and predict; "
+            f"a {type(policy).__name__} is neither"
+        )
+    return _Reacting(policy)
+
+
+class _Reacting:
+    obs_horizon = action_horizon = 1
+
+    def __init__(self, react: Reaction) -> None:
+        self._react = react
+
+    def predict(
+        self, observations: Mapping[str, NDArray[np.float32]], streams: Sequence[np.random.Generator]
+    ) -> NDArray[np.generic]:
+        seen = [{name: values[row, -1] for name, values in observations.items()} for row in range(len(streams))]
+        actions = [real_numbers(self._react(each), "the policy's action") for each in seen]
+        for action in actions:
+            if action.shape != (ACTION_SIZE,):
+                raise InvalidAction(f"the policy returned an action of shape {action.shape}, not ({ACTION_SIZE},)")
+        return np.stack(actions)[:, None]
 
 
 def rollout(
@@ -81,9 +123,11 @@ def rollout(
     Raises:
         ConfigError: If ``num_envs`` is not positive.
         InvalidAction: If the policy returns chunks of a wrong shape, or an action the environment refuses.
+        PolicyFailed: If the policy raises anything, or has no horizons.
     """
-    if num_envs < 1:
-        raise ConfigError(f"num_envs must be at least 1, got {num_envs}")
+    if not is_whole(num_envs) or num_envs < 1:
+        raise ConfigError(f"num_envs must be at least 1, got {shown(num_envs)}")
+    _check_horizons(policy)
     total = len(seeds) if isinstance(seeds, Sequence) else 0
     envs = [AssemblyEnv(task, randomness, max_steps=max_steps) for _ in range(min(num_envs, total or num_envs))]
     pool = ThreadPoolExecutor(num_workers or min(len(envs), os.cpu_count() or 1))
@@ -113,9 +157,15 @@ class _RunningEpisode:
         self.recorder = EpisodeRecorder(env)
         self.noise = stream(root_seed, "rollout", seed)
 
-    def execute(self, chunk: NDArray[np.floating[Any]]) -> None:
+    def __str__(self) -> str:
+        return f"step {len(self.recorder)} of the episode from initial state {self.seed}"
+
+    def execute(self, chunk: NDArray[np.generic]) -> None:
         for action in chunk:
-            self.recorder.step(action)
+            try:
+                self.recorder.step(action)
+            except InvalidAction as error:
+                raise InvalidAction(f"at {self} the policy is refused: {error}") from None
             if self.recorder.done:
                 return
 
@@ -149,7 +199,7 @@ def _run(
         env, (index, seed) = start
         return _RunningEpisode(env, index, seed, root_seed)
 
-    waiting = enumerate(seeds)
+    waiting = enumerate(map(_initial_state, seeds))
     successes = 0
     idle = list(envs)
     running: list[_RunningEpisode] = []
@@ -169,13 +219,34 @@ def _run(
         idle = idle[len(starts) :] + [episode.env for episode in ended]
 
 
-def _predict(policy: Policy, running: Sequence[_RunningEpisode]) -> NDArray[np.floating[Any]]:
+def _initial_state(seed: int) -> int:
+    if (number := checked_seed(seed)) is None:
+        raise ConfigError("every episode needs an initial-state seed, got None")
+    return number
+
+
+def _check_horizons(policy: Policy) -> None:
+    for name in ("obs_horizon", "action_horizon"):
+        horizon = getattr(policy, name, None)
+        if not is_whole(horizon) or horizon < 1:
+            raise PolicyFailed(f"a policy's {name} must be a whole number of at least 1, got {shown(horizon)}")
+
+
+def _predict(policy: Policy, running: Sequence[_RunningEpisode]) -> NDArray[np.generic]:
     """One chunk of ``action_horizon`` actions for every running episode: ``(N, T_a, 10)``."""
     observations = {
         name: np.stack([episode.recorder.recent(name, policy.obs_horizon) for episode in running])
         for name in OBSERVATION_KEYS
     }
-    chunks = policy.predict(observations, [episode.noise for episode in running])
+    try:
+        answer = policy.predict(observations, [episode.noise for episode in running])
+    except JuicerError:
+        raise
+    except Exception as error:  # whatever a stranger's policy may raise
+        rows = f"{len(running)} episode{'s' * (len(running) > 1)}"
+        reason = f"{type(error).__name__}: {printable(error)}"
+        raise PolicyFailed(f"the policy failed on {rows}, at {running[0]}: {reason}") from error
+    chunks = real_numbers(answer, "the policy's action chunks")
     horizon = policy.action_horizon
     if chunks.ndim != 3 or len(chunks) != len(running) or chunks.shape[1] < horizon or chunks.shape[2] != ACTION_SIZE:
         expected = f"({len(running)}, at least {horizon}, {ACTION_SIZE})"

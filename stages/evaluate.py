@@ -63,18 +63,8 @@ def _examples(episodes: Iterable[Episode], rows: list[EvaluationRow]) -> Iterato
     """Note every episode as a row; yield the first few successes and failures."""
     shown = Counter[bool]()
     for index, episode in enumerate(episodes):
-        record = episode.record
-        rows.append(
-            EvaluationRow(
-                episode=index,
-                seed=record.seed,
-                outcome=record.outcome,
-                parts_assembled=record.parts_assembled,
-                length=len(episode),
-                milestones=record.milestones,
-            )
-        )
-        succeeded = record.outcome is Outcome.SUCCESS
+        rows.append(EvaluationRow.of(index, episode))
+        succeeded = episode.record.outcome is Outcome.SUCCESS
         if shown[succeeded] < EXAMPLES_KEPT:
             shown[succeeded] += 1
             yield episode

@@ -52,7 +52,7 @@ def roll_out(
     from juicer.policy.checkpoint import load_policy  # torch takes seconds to import
 
     return rollout(
-        load_policy(context.store.open(checkpoint, "checkpoint"), config.task, config.max_steps),
+        load_policy(context.store.open(checkpoint, "checkpoint"), config.task, config.max_steps, context.device),
         config.task,
         config.randomness,
         claim(purpose, config.first, max_episodes),

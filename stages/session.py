@@ -34,7 +34,7 @@ class StageContext:
         metrics: Where numbers that form curves go.
         workers: Threads or processes that may be kept busy; must not shape the result.
         num_envs: Simulated environments to step side by side; must not shape the result.
-        device: Torch device to train on.
+        device: Torch device that policies are trained on and act on.
     """
 
     store: ArtifactStore
@@ -116,7 +116,7 @@ class Session:
         perform: Runs a prepared call: at once, as a Prefect task, or only in thought.
         workers: Threads or processes a stage may keep busy.
         num_envs: Simulated environments a rollout steps side by side.
-        device: Torch device that policies are trained on.
+        device: Torch device that policies are trained on and act on.
         isolate: Whether each stage body gets a process of its own.
         send: Has an artifact made on another machine that shares the store; none if all are made here.
         label: Which condition, seed and round the calls are for.

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from numpy.typing import NDArray
 
 from juicer.episode import STATE_KEY, Episode, Outcome, Source
-from juicer.errors import ConfigError, InvalidAction
-from juicer.rollout import rollout
+from juicer.errors import ConfigError, InvalidAction, PolicyFailed
+from juicer.rollout import as_policy, rollout
 from juicer.sim.env import AssemblyEnv
 
 
@@ -198,3 +199,93 @@ def test_a_policy_sees_as_many_observations_as_it_wants_the_first_repeated_befor
 def test_rollout_needs_an_environment():
     with pytest.raises(ConfigError, match="num_envs must be at least 1, got 0"):
         run([1], num_envs=0)
+
+
+@pytest.mark.parametrize(
+    ("answer", "problem"),
+    [
+        (lambda count: np.full((count, 4, 10), np.nan), "at step 0 of the episode from initial state 7 .* finite"),
+        (lambda count: np.full((count, 4, 10), 3.0), "at step 0 .* within"),
+        (lambda count: np.zeros((count, 4, 10)), "at step 0 .* degenerate"),
+        (lambda count: np.zeros((count, 4, 9)), r"shape \(1, 4, 9\), but \(1, at least 3, 10\) is needed"),
+        (lambda count: np.zeros((count, 10)), r"shape \(1, 10\)"),
+        (lambda count: np.zeros((count + 1, 4, 10)), r"shape \(2, 4, 10\)"),
+        (lambda count: np.zeros((count, 4, 10), dtype=complex), "action chunks must be an array of real numbers"),
+        (lambda count: np.full((count, 4, 10), "0.1"), "action chunks must be an array of real numbers"),
+        (lambda count: [[1], [2, 3]], "action chunks cannot be read as an array"),
+        (lambda count: torch.zeros((count, 4, 10), requires_grad=True), "action chunks cannot be read .* grad"),
+        (lambda count: None, "action chunks must be an array of real numbers"),
+    ],
+)
+def test_what_a_policy_returns_wrongly_is_named(answer: Any, problem: str):
+    class Wrong(Wanderer):
+        def predict(self, observations: Any, streams: Any) -> Any:
+            return answer(len(streams))
+
+    with pytest.raises(InvalidAction, match=problem):
+        list(rollout(Wrong(), "one_leg", "low", [7], num_envs=1))
+
+
+def test_an_action_that_is_refused_later_says_at_which_step():
+    class Tiring(Wanderer):
+        def predict(self, observations: Any, streams: Any) -> Any:
+            chunks = super().predict(observations, streams)
+            chunks[:, 2] = np.inf if len(self.rows) > 1 else chunks[:, 2]
+            return chunks
+
+    with pytest.raises(InvalidAction, match="at step 5 of the episode from initial state 7 the policy is refused"):
+        list(rollout(Tiring(), "one_leg", "low", [7], num_envs=1))
+
+
+def test_whatever_a_policy_raises_is_told_with_its_cause():
+    class Broken(Wanderer):
+        def predict(self, observations: Any, streams: Any) -> Any:
+            return observations["images"]
+
+    with pytest.raises(PolicyFailed, match=r"failed on 2 episodes, at step 0 .* state 1: KeyError: 'images'") as caught:
+        list(rollout(Broken(), "one_leg", "low", [1, 2, 3], num_envs=2))
+    assert isinstance(caught.value.__cause__, KeyError)
+
+
+@pytest.mark.parametrize("horizon", [0, -1, 1.0, True, None, "8"])
+def test_a_policy_needs_horizons(horizon: Any):
+    class Aimless(Wanderer):
+        action_horizon = horizon
+
+    with pytest.raises(PolicyFailed, match="action_horizon must be a whole number of at least 1"):
+        list(rollout(Aimless(), "one_leg", "low", [1], num_envs=1))
+
+
+def test_numpys_numbers_are_initial_states_and_fractions_are_not():
+    plain, numpys = run([4])[0], run(np.array([4]))[0]
+    assert_identical(plain, numpys)
+    assert type(numpys.record.seed) is int
+    for wrong in (1.5, None, True):
+        with pytest.raises(ConfigError, match="seed"):
+            run([wrong])
+
+
+def stay(observation: Mapping[str, NDArray[np.float32]]) -> NDArray[np.float32]:
+    return np.append(observation["proprioception"][:9], np.float32(1))
+
+
+def test_a_plain_function_is_a_policy():
+    episodes = list(rollout(as_policy(stay), "one_leg", "low", [1, 2], num_envs=2, max_steps=4))
+    assert [len(episode) for episode in episodes] == [4, 4]
+    np.testing.assert_array_equal(episodes[1].steps["action"][2, :9], episodes[1].steps["proprioception"][2, :9])
+    wanderer = Wanderer()
+    assert as_policy(wanderer) is wanderer
+
+
+@pytest.mark.parametrize(
+    ("wrong", "problem"),
+    [(Wanderer, "'Wanderer' is a class; call it"), (3, "a int is neither"), ("bc", "a str is neither")],
+)
+def test_what_is_no_policy_is_told_apart(wrong: Any, problem: str):
+    with pytest.raises(PolicyFailed, match=problem):
+        as_policy(wrong)
+
+
+def test_a_function_must_give_one_action():
+    with pytest.raises(InvalidAction, match=r"an action of shape \(9,\), not \(10,\)"):
+        list(rollout(as_policy(lambda seen: stay(seen)[:9]), "one_leg", "low", [1], num_envs=1))

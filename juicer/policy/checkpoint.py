@@ -58,16 +58,17 @@ class Checkpoint:
     weights: Mapping[str, Tensor]
     ema: Mapping[str, Tensor] | None
 
-    def policy(self, task: str) -> TrainedPolicy:
-        """The policy, ready to act on a task.
+    def policy(self, task: str, device: str = "cpu") -> TrainedPolicy:
+        """The policy, ready to act on a task, on a torch device.
 
         Raises:
             InvalidCheckpoint: If it was not trained for the task.
+            ConfigError: If there is no such device.
         """
         weights = self.ema if self.metadata.acting_weights == "ema" else self.weights
         network = build_policy(self.metadata.policy, self.metadata.tasks, seed=0)
         _fill(network, weights or {}, "the checkpoint")
-        return TrainedPolicy(network, task)
+        return TrainedPolicy(network, task, device=device)
 
 
 def save_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
@@ -99,20 +100,24 @@ def load_checkpoint(folder: Path) -> Checkpoint:
     )
 
 
-def load_policy(folder: Path, task: str, max_steps: int | None = None) -> TrainedPolicy | ReplayPolicy:
+def load_policy(
+    folder: Path, task: str, max_steps: int | None = None, device: str = "cpu"
+) -> TrainedPolicy | ReplayPolicy:
     """The policy of a checkpoint folder, ready to act on a task.
 
     Args:
         folder: Payload of a checkpoint.
         task: Assembly task that is to be done.
         max_steps: Steps that an episode may take, if not as many as the task allows.
+        device: Torch device that computes the actions; a replay computes nothing.
 
     Raises:
         InvalidCheckpoint: See :func:`load_checkpoint`; or if the policy was not trained for the task.
+        ConfigError: If there is no such device.
     """
     if (replay := folder / REPLAY_FILE).exists():
         return load_replay(replay, task, max_steps)
-    return load_checkpoint(folder).policy(task)
+    return load_checkpoint(folder).policy(task, device)
 
 
 def _read_metadata(path: Path) -> CheckpointMetadata:

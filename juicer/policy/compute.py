@@ -8,6 +8,8 @@ from typing import Literal
 
 import torch
 
+from juicer.errors import ConfigError
+
 MatmulPrecision = Literal["highest", "high", "medium"]
 
 
@@ -26,6 +28,23 @@ def compute_settings(threads: int, matmul_precision: MatmulPrecision) -> Iterato
     finally:
         torch.set_num_threads(threads_before)
         torch.set_float32_matmul_precision(precision_before)
+
+
+def usable_device(name: str) -> torch.device:
+    """The device of a name, e.g. ``cpu`` or ``cuda``.
+
+    Raises:
+        ConfigError: If this machine, or this build of torch, does not have it.
+    """
+    try:
+        torch.empty(0, device=name)
+    except (RuntimeError, AssertionError) as error:  # builds of torch for CPUs assert
+        reason = str(error).partition("\n")[0].rstrip(".")
+        raise ConfigError(
+            f"torch cannot use the device '{name}' ({reason}); set JUICER_DEVICE to cpu, or to a GPU of this machine "
+            "and install a build of torch for it"
+        ) from None
+    return torch.device(name)
 
 
 def has_fast_bfloat16() -> bool:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from juicer.episode import ACTION_SIZE
 from juicer.errors import InvalidCheckpoint, InvalidObservation
-from juicer.policy.compute import compute_settings
+from juicer.policy.compute import compute_settings, usable_device
 from juicer.policy.network import PolicyNetwork
 from juicer.policy.tasks import as_shown, observation_sizes
 
@@ -29,15 +29,23 @@ size, so that what a row yields never depends on how many others are asked for b
 class TrainedPolicy:
     """Acts on batches of observations with fixed weights."""
 
-    def __init__(self, network: PolicyNetwork, task: str, threads: int = 1) -> None:
+    def __init__(self, network: PolicyNetwork, task: str, threads: int = 1, device: str = "cpu") -> None:
         """Let a network act on one of its tasks.
+
+        Args:
+            network: What acts; it is moved to the device.
+            task: Assembly task that is to be done.
+            threads: Threads of a processor that it may use.
+            device: Torch device that computes the actions. Noise is drawn on the processor, whatever the device.
 
         Raises:
             InvalidCheckpoint: If it was not trained for the task.
+            ConfigError: If there is no such device.
         """
         if task not in network.tasks:
             raise InvalidCheckpoint(f"the policy was trained for {', '.join(network.tasks)}, not for '{task}'")
-        self._network = network.eval().requires_grad_(False)
+        self._device = usable_device(device)
+        self._network = network.eval().requires_grad_(False).to(self._device)
         self._task = task
         self._threads = threads
 
@@ -77,10 +85,13 @@ class TrainedPolicy:
         with torch.inference_mode(), compute_settings(self._threads, "highest"):
             for start in range(0, len(streams), INFERENCE_ROWS):
                 batch = slice(start, min(start + INFERENCE_ROWS, len(streams)))
-                padded = {name: torch.from_numpy(_fill_up(values[batch])) for name, values in rows.items()}
-                chunk = self._network.predict(padded, torch.from_numpy(_fill_up(noise[batch])))
-                actions[batch] = chunk[: batch.stop - start, first : first + horizons.action].numpy()
+                padded = {name: self._tensor(values[batch]) for name, values in rows.items()}
+                chunk = self._network.predict(padded, self._tensor(noise[batch]))
+                actions[batch] = chunk[: batch.stop - start, first : first + horizons.action].cpu().numpy()
         return actions.clip(-ACTION_LIMIT, ACTION_LIMIT)
+
+    def _tensor(self, rows: NDArray[np.float32]) -> torch.Tensor:
+        return torch.from_numpy(_fill_up(rows)).to(self._device)
 
     def _checked(self, observations: Mapping[str, NDArray[Any]], num_rows: int) -> dict[str, NDArray[np.float32]]:
         tasks = self._network.tasks

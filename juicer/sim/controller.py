@@ -7,8 +7,11 @@ the measured pose is bounded, so that no command can wind up force: the servo pu
 
 from __future__ import annotations
 
+from typing import Self
+
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from juicer.episode import ACTION_SIZE
 from juicer.errors import InvalidAction
@@ -16,6 +19,7 @@ from juicer.geometry import SHORTEST_ROW, Array, degenerate_rotation
 from juicer.gripper import GRIPPER_DEADBAND, GRIPPER_ENTRY
 from juicer.sim.panda import END_EFFECTOR_SITE, GRIP_FORCE_N, NUM_ARM_JOINTS, RESET_JOINTS_RAD
 from juicer.sim.scene import build_arm
+from juicer.text import printable
 
 MAX_LEAD_M = 0.02
 """The paper's teleoperation clips a step at 2.5 cm; 20 degrees is its bound on rotation."""
@@ -35,23 +39,53 @@ _HIGHEST_STEP = np.array(0.35)  # radians; as arrays, which numpy need not conve
 _LOWEST_STEP = -_HIGHEST_STEP
 
 
-def validate_action(action: Array) -> Array:
+def validate_action(action: object) -> Array:
     """The action as it is executed: rounded to float32, so that a stored action replays exactly.
 
     Raises:
-        InvalidAction: If it is not a vector of 10 finite entries in range.
+        InvalidAction: If it is not a vector of 10 finite numbers in range.
     """
-    values = np.asarray(action, dtype=np.float32)
-    if values.shape != (ACTION_SIZE,):
-        raise InvalidAction(f"an action must have shape ({ACTION_SIZE},), got {values.shape}")
+    given = real_numbers(action, "an action")
+    if given.shape != (ACTION_SIZE,):
+        raise InvalidAction(f"an action must have shape ({ACTION_SIZE},), got {given.shape}")
+    with np.errstate(over="ignore"):  # what is too large for float32 becomes infinite, and is refused as such
+        values = given.astype(np.float32)
     if not np.abs(values).max() <= MAX_ACTION + _ROUNDING:  # NaN compares false
         wish = f"lie within +-{MAX_ACTION}" if np.isfinite(values).all() else "be finite"
         raise InvalidAction(f"the entries of an action must {wish}, got {values.tolist()}")
     return values.astype(np.float64)
 
 
+def check_action(action: object) -> None:
+    """Refuse what :meth:`AssemblyEnv.step <juicer.sim.env.AssemblyEnv.step>` would refuse, without moving anything.
+
+    Raises:
+        InvalidAction: See :func:`validate_action`; or if the 6D rotation is degenerate.
+    """
+    _commanded_rotation(validate_action(action))
+
+
+def real_numbers(values: object, what: str) -> NDArray[np.generic]:
+    """An array of real numbers.
+
+    Raises:
+        InvalidAction: Naming ``what``, if it is none: text, truth values, complex numbers, lists of unequal length.
+    """
+    try:
+        given = np.asarray(values)
+    except Exception as error:  # unequal lengths, a tensor on a GPU or with a gradient, a stranger's __array__
+        raise InvalidAction(f"{what} cannot be read as an array: {printable(error)}") from None
+    if given.dtype.kind not in "fiu":
+        raise InvalidAction(f"{what} must be an array of real numbers, got one of {given.dtype}")
+    return given
+
+
 class EndEffectorController:
     """Solves inverse kinematics for one robot. Holds no state from one action to the next."""
+
+    def __reduce__(self) -> tuple[type[Self], tuple[()]]:
+        """A copy is made anew: it needs views of its own into the arm model."""
+        return type(self), ()
 
     def __init__(self) -> None:
         """Build the arm model; its fingers, which move the end effector nowhere, stay closed."""

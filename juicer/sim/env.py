@@ -7,9 +7,10 @@ One step is exactly 0.1 s of simulated time.
 
 from __future__ import annotations
 
+import copy
 import logging
 from functools import lru_cache
-from typing import Any
+from typing import Any, Self
 
 import gymnasium
 import mujoco
@@ -18,14 +19,17 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from juicer.episode import ACTION_SIZE, PROPRIOCEPTION_SIZE, Outcome
+from juicer.errors import ConfigError, InvalidAction
 from juicer.seeding import stream
+from juicer.sim.arguments import checked_count, checked_options, checked_seed, shown
 from juicer.sim.controller import MAX_ACTION, EndEffectorController, grip_command, validate_action
 from juicer.sim.initial_states import initial_part_poses
 from juicer.sim.milestones import BaseProgress, PairProgress
-from juicer.sim.panda import END_EFFECTOR_SITE, FINGER_JOINTS, GRIP_FORCE_N, NUM_ARM_JOINTS, RESET_JOINTS_RAD
+from juicer.sim.panda import GRIP_FORCE_N, NUM_ARM_JOINTS, RESET_JOINTS_RAD
 from juicer.sim.rendering import CameraRenderer
 from juicer.sim.scene import FRONT_CAMERA, TIMESTEP_S, build_spec
-from juicer.sim.state import SimulatorState
+from juicer.sim.state import AWAKE_COUNTS, DIVERGED_SPEED, SimulatorState
+from juicer.sim.views import SceneViews
 from juicer.tasks.registry import get_task
 from juicer.tasks.specification import TABLE_HEIGHT_M, parse_randomness
 
@@ -37,7 +41,6 @@ _FRACTIONS = np.arange(1, TARGET_UPDATES + 1)[:, None] / TARGET_UPDATES
 SETTLING_S = 0.3
 # A part this far below the table's surface has fallen off it.
 _LOST_BELOW_M = TABLE_HEIGHT_M - 0.05
-_DIVERGED_SPEED = 200.0
 
 Observation = dict[str, NDArray[np.float32]]
 
@@ -47,8 +50,8 @@ mujoco.set_mju_user_warning(logger.debug)
 
 
 @lru_cache(maxsize=8)
-def compiled_model(task_name: str) -> mujoco.MjModel:
-    """Model of a task, compiled once; models are never written to."""
+def _compiled_model(task_name: str) -> mujoco.MjModel:
+    """Model of a task, compiled once a process; environments get copies, which cost a fifteenth of it."""
     return build_spec(get_task(task_name)).compile()
 
 
@@ -59,6 +62,16 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     Action: absolute end-effector target (position, 6D rotation, gripper), shape (10,).
     Reward: number of pairs assembled for the first time in the step. Ends when all pairs are assembled, a part has
     fallen off the table, or the simulation diverged; ``info["outcome"]`` says which.
+
+    A copy (``copy.copy``, ``copy.deepcopy``, ``pickle``) is an environment of its own that goes on exactly from the
+    original's present state, with the same model, limits and random numbers. Nothing is shared between environments.
+
+    Attributes:
+        task: What is assembled.
+        randomness: Level of the initial states.
+        max_steps: Steps after which an episode times out.
+        model: MuJoCo's model of the scene, this environment's own; what is changed in it stays changed.
+        data: MuJoCo's state of the scene.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": CONTROL_HZ}  # noqa: RUF012 (Gymnasium's own protocol)
@@ -73,22 +86,24 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """Build the scene; ``max_steps`` defaults to the task's own limit.
 
         Raises:
-            ConfigError: If the task or the randomness is unknown.
+            ConfigError: If the task, the randomness or the render mode is unknown, or ``max_steps`` is no step number.
         """
         self.task = get_task(task)
         self.randomness = parse_randomness(randomness)
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ConfigError(f"unknown render_mode {shown(render_mode)}; valid: None, 'rgb_array'")
         self.render_mode = render_mode
-        self.max_steps = max_steps or self.task.max_steps
-        self.model = compiled_model(task)
-        self.data = mujoco.MjData(self.model)
+        self.max_steps = self.task.max_steps if max_steps is None else checked_count("max_steps", max_steps)
+        self.metadata = copy.deepcopy(self.metadata)
+        self.data = mujoco.MjData(copy.copy(_compiled_model(task)))
         self._controller = EndEffectorController()
         self._milestones = self.task.milestones
         self._progress = np.zeros(1 + len(self.task.pairs) + len(self._milestones))
         self._base = BaseProgress(self.task)
         self._pairs = tuple(PairProgress(self.task, pair) for pair in self.task.pairs)
-        self._state = SimulatorState(self.model, self._progress.size)
-        self._renderer: CameraRenderer | None = None
-        self._index_model()
+        self._velocity = np.empty(6)
+        self._has_begun = False
+        self._attach()
         self.action_space = spaces.Box(-MAX_ACTION, MAX_ACTION, (ACTION_SIZE,), np.float32)
         observations: dict[str, spaces.Space[Any]] = {
             "proprioception": spaces.Box(-np.inf, np.inf, (PROPRIOCEPTION_SIZE,), np.float32),
@@ -96,53 +111,71 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         }
         self.observation_space = spaces.Dict(observations)  # type: ignore[assignment]  # stubs: a Dict space is no Space[dict]
 
-    def _index_model(self) -> None:
-        model = self.model
-        self._site = model.site(END_EFFECTOR_SITE).id
-        self._position, self._matrix_rows = self.data.site_xpos[self._site], self.data.site_xmat[self._site, :6]
-        self._velocity = np.empty(6)
-        self._joint_targets = self.data.ctrl[:NUM_ARM_JOINTS]
-        self._velocities = self.data.qvel
-        self._joints = self.data.qpos[:NUM_ARM_JOINTS]
-        left_finger = model.joint(FINGER_JOINTS[0]).qposadr[0]
-        self._fingers = self.data.qpos[left_finger : left_finger + len(FINGER_JOINTS)]
-        first = model.joint(self.task.parts[0].name).qposadr[0]
-        self._part_poses = self.data.qpos[first : first + 7 * len(self.task.parts)]
-        starts = {part.name: model.joint(part.name).dofadr[0] for part in self.task.parts if part.rolls}
-        self._rolling = [slice(start, start + 6) for start in starts.values()]
-        first_body = model.body(self.task.parts[0].name).id
-        bodies = slice(first_body, first_body + len(self.task.parts))
-        self._part_positions = self.data.xpos[bodies]
-        self._part_matrices = self.data.xmat[bodies].reshape(-1, 3, 3)
+    def _attach(self) -> None:
+        """Derive from ``data`` what belongs to it and to no copy of it."""
+        self.model: mujoco.MjModel = self.data.model
+        self._views = SceneViews(self.model, self.data, self.task)
+        self._state = SimulatorState(self.model, len(self.task.pairs), len(self._milestones))
+        self._renderer: CameraRenderer | None = None
+
+    def __copy__(self) -> Self:
+        return copy.deepcopy(self)
+
+    def __getstate__(self) -> dict[str, Any]:
+        derived = ("model", "_views", "_state", "_renderer")
+        kept = {name: value for name, value in self.__dict__.items() if name not in derived}
+        # MuJoCo's own pickle of its data forgets these.
+        return kept | {"awake": {name: getattr(self.data, name) for name in AWAKE_COUNTS}}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        awake = state.pop("awake")
+        self.__dict__.update(state)
+        for name, count in awake.items():
+            setattr(self.data, name, count)
+        self._attach()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode; the initial state depends on ``seed`` alone."""
+        """Start an episode; the initial state depends on ``seed`` alone.
+
+        Args:
+            seed: Zero or a positive integer; None goes on with the random numbers of the last seed.
+            options: There are none.
+
+        Raises:
+            ConfigError: If the seed is no such number, or an option is given.
+        """
+        checked_options(options, known=())
+        seed = checked_seed(seed)
         super().reset(seed=seed)
         seed = int(self.np_random.integers(2**31)) if seed is None else seed
         poses = initial_part_poses(self.task, self.randomness, stream(seed, "initial_state"))
         mujoco.mj_resetData(self.model, self.data)
-        self._joints[:] = self._joint_targets[:] = RESET_JOINTS_RAD
-        self._fingers[:] = self.task.gripper_width_m / 2
-        self.data.ctrl[NUM_ARM_JOINTS] = GRIP_FORCE_N
-        self._part_poses[:] = poses.ravel()
+        views = self._views
+        views.joints[:] = views.joint_targets[:] = RESET_JOINTS_RAD
+        views.fingers[:] = self.task.gripper_width_m / 2
+        views.controls[NUM_ARM_JOINTS] = GRIP_FORCE_N
+        views.part_poses[:] = poses.ravel()
         self._settle()
         self.data.time = 0.0
         self._progress[:] = -1
         self._progress[: 1 + len(self.task.pairs)] = 0
         self._measure()
+        self._has_begun = True
         return self.observation(), self._info()
 
-    def step(self, action: NDArray[np.floating]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[Any]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Move for 0.1 s.
 
         Raises:
-            InvalidAction: If the action is not finite, has a wrong shape or encodes no rotation; nothing has moved.
+            InvalidAction: If the action is not finite, has a wrong shape or encodes no rotation, or if the environment
+                was never reset; nothing has moved.
         """
+        self._require_begun()
         values = validate_action(action)
-        targets, controls = self._joint_targets, self.data.ctrl
-        goal = self._controller.joint_targets(values, self._joints)
+        targets, controls = self._views.joint_targets, self._views.controls
+        goal = self._controller.joint_targets(values, self._views.joints)
         controls[NUM_ARM_JOINTS] = grip_command(values, float(controls[NUM_ARM_JOINTS]))
         for update in targets + _FRACTIONS * (goal - targets):
             targets[:] = update
@@ -156,18 +189,19 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return self.observation(), reward, outcome is not None and not truncated, truncated, info
 
     def observation(self) -> Observation:
-        """What a policy may see of the present state."""
+        """What a policy may see of the present state, in arrays of its own."""
+        views = self._views
         proprioception = np.empty(PROPRIOCEPTION_SIZE)
-        proprioception[:3] = self._position
-        proprioception[3:9] = self._matrix_rows
+        proprioception[:3] = views.position
+        proprioception[3:9] = views.matrix_rows
         # MuJoCo gives the rotational velocity first.
-        mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_SITE, self._site, self._velocity, 0)
+        mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_SITE, views.site, self._velocity, 0)
         proprioception[9:12], proprioception[12:15] = self._velocity[3:], self._velocity[:3]
-        proprioception[15] = self._fingers.sum()
+        proprioception[15] = views.fingers.sum()
         with np.errstate(over="ignore"):  # a diverged state may exceed single precision
             return {
                 "proprioception": proprioception.astype(np.float32),
-                "part_poses": self._part_poses.astype(np.float32),
+                "part_poses": views.part_poses.astype(np.float32),
             }
 
     def get_state(self) -> NDArray[np.float64]:
@@ -178,9 +212,10 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """Continue exactly (bit for bit) from a state that :meth:`get_state` returned.
 
         Raises:
-            InvalidEpisode: If the state belongs to another scene.
+            InvalidEpisode: If it is no state of this scene, or of one that diverged; nothing has changed.
         """
         self._state.write(self.data, self._progress, state)
+        self._has_begun = True
 
     def contact_pairs(self) -> frozenset[tuple[str, str]]:
         """Names of touching things, each pair sorted; links of the gripper count as ``gripper``."""
@@ -190,21 +225,23 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return frozenset((min(pair), max(pair)) for pair in names)
 
     def render(self) -> NDArray[np.uint8]:
-        """Picture ``(480, 640, 3)`` of the front camera.
+        """Picture ``(480, 640, 3)`` of the front camera; any thread may ask for it.
 
         Raises:
+            InvalidAction: If the environment was never reset.
             RenderingUnavailable: If no OpenGL platform can draw.
         """
         return self.render_camera(FRONT_CAMERA, 640, 480)
 
     def render_camera(self, camera: str, width: int, height: int) -> NDArray[np.uint8]:
-        """Picture ``(height, width, 3)`` of a named camera, ``front`` or ``wrist``."""
+        """Picture ``(height, width, 3)`` of a named camera, ``front`` or ``wrist``; see :meth:`render`."""
+        self._require_begun()
         if self._renderer is None:
             self._renderer = CameraRenderer(self.model)
         return self._renderer.draw(self.data, camera, width, height)
 
     def close(self) -> None:
-        """Free the renderer."""
+        """Free the renderer; may be called again, and a later picture makes a new one."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
@@ -214,7 +251,7 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_comVel(self.model, self.data)
-        positions, matrices = self._part_positions, self._part_matrices
+        positions, matrices = self._views.part_positions, self._views.part_matrices
         pairs = len(self._pairs)
         assembled = self._progress[1 : 1 + pairs]
         reward = 0.0
@@ -236,40 +273,56 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         steps = round(SETTLING_S / self.model.opt.timestep)
         for _ in range(0, steps, SUBSTEPS_PER_UPDATE):
             mujoco.mj_step(self.model, self.data, SUBSTEPS_PER_UPDATE)
-            for velocities in self._rolling:
-                self._velocities[velocities] = 0.0
+            for part in self._views.rolling:
+                self._views.velocities[part] = 0.0
 
     def _advance(self) -> bool:
         try:
             mujoco.mj_step(self.model, self.data, SUBSTEPS_PER_UPDATE)
         except mujoco.FatalError:
             # An explosion makes more contacts than fit into MuJoCo's memory; the state may still look finite.
-            self._velocities[:] = np.nan
+            self._views.velocities[:] = np.nan
             return False
         return True
 
     def _has_diverged(self) -> bool:
-        return not mujoco.mju_norm(self._velocities) < _DIVERGED_SPEED  # NaN compares false
+        return not mujoco.mju_norm(self._views.velocities) < DIVERGED_SPEED  # NaN compares false
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether there is a state to go on from: after the first :meth:`reset` or :meth:`set_state`."""
+        return self._has_begun
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """How the episode has ended; None as long as it goes on."""
+        return self._outcome(self._parts_assembled())
 
     def _outcome(self, parts_assembled: int) -> Outcome | None:
         if self._has_diverged():
             return Outcome.DIVERGED
         if parts_assembled == len(self.task.pairs):
             return Outcome.SUCCESS
-        if min(self._part_positions[:, 2].tolist()) < _LOST_BELOW_M:
+        if min(self._views.part_positions[:, 2].tolist()) < _LOST_BELOW_M:
             return Outcome.PART_LOST
         return Outcome.TIMEOUT if self._progress[0] >= self.max_steps else None
 
     def _info(self) -> dict[str, Any]:
         pairs = len(self.task.pairs)
-        progress = self._progress.tolist()
-        parts_assembled = int(sum(progress[1 : 1 + pairs]))
-        first_steps = zip(self._milestones, progress[1 + pairs :], strict=True)
+        parts_assembled = self._parts_assembled()
+        first_steps = zip(self._milestones, self._progress[1 + pairs :].tolist(), strict=True)
         return {
             "outcome": self._outcome(parts_assembled),
             "parts_assembled": parts_assembled,
             "milestones": {name: int(step) for name, step in first_steps if step >= 0},
         }
+
+    def _parts_assembled(self) -> int:
+        return int(sum(self._progress[1 : 1 + len(self.task.pairs)].tolist()))
+
+    def _require_begun(self) -> None:
+        if not self._has_begun:
+            raise InvalidAction("the environment has no state to go on from; call reset() first, or set_state()")
 
     def _body_name(self, body: int) -> str:
         name = self.model.body(body).name

@@ -25,8 +25,7 @@ def initial_part_poses(task: AssemblyTask, randomness: Randomness, rng: np.rando
     high randomness picks one of the stored layouts.
     """
     if randomness is Randomness.HIGH:
-        layout = task.high_layouts[int(rng.integers(len(task.high_layouts)))]
-        return np.array([layout[part.name] for part in task.parts])
+        return np.array(task.high_layouts[int(rng.integers(len(task.high_layouts)))])
     positions, yaw = _free_layout(task, randomness, rng)
     poses = np.array([part.start for part in task.parts])
     turn = np.stack([np.cos(yaw / 2), 0 * yaw, 0 * yaw, np.sin(yaw / 2)], axis=-1)

@@ -27,6 +27,7 @@ END_EFFECTOR_Z = 0.103399
 """Distance of the end-effector point from the hand's origin along its z axis [m]."""
 
 RESET_JOINTS_RAD = np.array([-0.02630888, 0.3758795, 0.12485036, -2.1383357, -0.09431414, 2.49649072, 0.01921718])
+RESET_JOINTS_RAD.setflags(write=False)
 GRIP_FORCE_N = 13.0
 FINGER_SPEED_M_S = 0.1
 

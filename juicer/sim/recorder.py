@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from juicer.episode import OBSERVATION_KEYS, STATE_KEY, STEP_DTYPES, Episode, EpisodeRecord
+from juicer.sim.controller import validate_action
 from juicer.sim.env import AssemblyEnv
 
 
@@ -29,14 +30,21 @@ class EpisodeRecorder:
         self.info: Mapping[str, Any] = {}
         self.done = False
 
-    def step(self, action: NDArray[np.floating[Any]]) -> None:
+    def __len__(self) -> int:
+        """Number of steps recorded."""
+        return len(self._steps["action"])
+
+    def step(self, action: NDArray[Any]) -> None:
         """Record the present observation and simulator state with the action, then execute it.
 
         Args:
             action: ``(10,)``, see :data:`juicer.episode.ACTION_SIZE`.
+
+        Raises:
+            InvalidAction: If the environment refuses the action; nothing is recorded.
         """
         # The action is rounded before it acts, so that the stored one replays to the same states.
-        action = np.array(action, dtype=np.float32)
+        action = validate_action(action).astype(np.float32)
         before = self._env.get_state()
         observation, reward, terminated, truncated, self.info = self._env.step(action)
         for name in OBSERVATION_KEYS:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import gymnasium
 
-from juicer.sim.display import draw_without_display
 from juicer.tasks.registry import TASK_NAMES
 
 
@@ -16,7 +15,6 @@ def environment_id(task: str) -> str:
     return f"juicer/{''.join(word.capitalize() for word in task.split('_'))}-v0"
 
 
-draw_without_display()
 for _task in TASK_NAMES:
     gymnasium.register(
         id=environment_id(_task),

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from juicer.episode import Outcome
+from juicer.episode import Episode, Outcome
 from juicer.errors import ArtifactError
 
 MILESTONES = pa.map_(pa.string(), pa.int32())
@@ -74,6 +74,12 @@ class EvaluationRow:
     parts_assembled: int
     length: int
     milestones: Mapping[str, int] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, index: int, episode: Episode) -> Self:
+        """Row of the episode of a number."""
+        facts = episode.record
+        return cls(index, facts.seed, facts.outcome, facts.parts_assembled, len(episode), facts.milestones)
 
 
 def write_annotations(folder: Path, rows: Iterable[Annotation]) -> None:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
-from juicer.tasks.specification import Ball, Box, PartSpec, Pose, Thread
+from juicer.tasks.specification import Ball, Box, Pose, Thread
 
 MM = 1e-3
 PITCH = 9.375 * MM
@@ -75,8 +74,3 @@ def inner_thread(
 def outer_thread(start_y: float, azimuth_deg: float) -> Thread:
     """Bead that winds around a peg, from its lower end."""
     return Thread((0.0, 0.0), start_y, math.radians(azimuth_deg), TURNS, PITCH, PEG_RADIUS, BEAD_RADIUS, internal=False)
-
-
-def layouts(parts: tuple[PartSpec, ...], poses: tuple[tuple[Pose, ...], ...]) -> tuple[Mapping[str, Pose], ...]:
-    """Stored layouts by the names of the parts, from poses in their order."""
-    return tuple({part.name: pose for part, pose in zip(parts, layout, strict=True)} for layout in poses)

@@ -17,7 +17,6 @@ from juicer.tasks.benchmark import (
     axis_turn,
     base_pose,
     inner_thread,
-    layouts,
     outer_thread,
     shoulder,
 )
@@ -142,7 +141,7 @@ LAMP = AssemblyTask(
             after=(0,),
         ),
     ),
-    high_layouts=layouts(_PARTS, _HIGH),
+    high_layouts=_HIGH,
     max_steps=2000,
     critical_states=(Grasp(0), Grasp(1), Insertion(0), Grasp(2), Insertion(1)),
     gripper_width_m=0.07,

@@ -7,11 +7,11 @@ y to the robot's left, z up), in which the table's surface lies at :data:`TABLE_
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
 from juicer.errors import ConfigError, did_you_mean
+from juicer.text import printable
 
 Vector = tuple[float, float, float]
 Pose = tuple[float, float, float, float, float, float, float]
@@ -41,7 +41,7 @@ def parse_randomness(text: str) -> Randomness:
     try:
         return Randomness(text)
     except ValueError:
-        raise ConfigError(f"unknown randomness '{text}'{did_you_mean(text, Randomness)}") from None
+        raise ConfigError(f"unknown randomness '{printable(text)}'{did_you_mean(str(text), Randomness)}") from None
 
 
 @dataclass(frozen=True)
@@ -231,7 +231,7 @@ class AssemblyTask:
         parts: Parts in the order of the observation.
         base_label: What the first part, which is pushed into the corner, is called in milestones.
         pairs: What has to be assembled, in order.
-        high_layouts: For each hand-picked layout of ``high`` randomness, a pose a part.
+        high_layouts: For each hand-picked layout of ``high`` randomness, a pose a part, in their order.
         max_steps: Steps after which an episode times out (1000 a pair in the paper).
         critical_states: Those of a demonstration, in order (as many as in the paper's Table IV).
         gripper_width_m: Opening of the gripper.
@@ -241,7 +241,7 @@ class AssemblyTask:
     parts: tuple[PartSpec, ...]
     base_label: str
     pairs: tuple[AssemblyPair, ...]
-    high_layouts: tuple[Mapping[str, Pose], ...]
+    high_layouts: tuple[tuple[Pose, ...], ...]
     max_steps: int
     critical_states: tuple[CriticalState, ...]
     gripper_width_m: float

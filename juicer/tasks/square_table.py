@@ -10,7 +10,7 @@ Deviations from the measured facts, each for a reason:
 
 from __future__ import annotations
 
-from juicer.tasks.benchmark import MM, base_pose, inner_thread, layouts, outer_thread, shoulder
+from juicer.tasks.benchmark import MM, base_pose, inner_thread, outer_thread, shoulder
 from juicer.tasks.specification import AssemblyPair, AssemblyTask, Bore, Box, Insertion, PartSpec, Peg, Pose
 
 HOLE_OFFSET = 56.25 * MM
@@ -81,7 +81,7 @@ SQUARE_TABLE_PARTS = (
 )
 
 # FurnitureBench's three stored layouts of high randomness (world frame, quaternion wxyz).
-_HIGH = (
+HIGH_LAYOUTS = (
     (
         base_pose(0.2332, 0.0017, 0.4307, 0.701, 0.705, -0.081, -0.077),
         base_pose(0.1740, 0.1241, 0.4300, 0.754, -0.003, 0.004, -0.657),
@@ -104,7 +104,6 @@ _HIGH = (
         base_pose(0.2820, 0.0850, 0.4315, 0.033, 0.701, 0.040, -0.711),
     ),
 )
-HIGH_LAYOUTS = layouts(SQUARE_TABLE_PARTS, _HIGH)
 
 
 def leg_pair(number: int, label: str, hole: int) -> AssemblyPair:

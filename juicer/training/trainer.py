@@ -13,7 +13,7 @@ from torch import Tensor
 
 from juicer.errors import ConfigError, TrainingFailed
 from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetadata
-from juicer.policy.compute import compute_settings
+from juicer.policy.compute import compute_settings, usable_device
 from juicer.policy.config import PolicyConfig
 from juicer.policy.network import PolicyNetwork, build_policy
 from juicer.policy.tasks import Tasks
@@ -78,7 +78,7 @@ def train(
         ConfigError: If settings contradict each other, or there is no such device.
         TrainingFailed: If there is too little data, or the loss is no longer a number.
     """
-    torch_device = _usable_device(device)
+    torch_device = usable_device(device)
     if isinstance(config.state_noise, OriginalStateNoise) and policy.action_frame != "absolute":
         raise ConfigError(
             "state_noise 'original' perturbs normalised numbers, from which no pose for relative actions can be "
@@ -191,18 +191,6 @@ class _Loop:
     def _record(self, metrics: Mapping[str, float], step: int) -> None:
         self._metrics.log(metrics, step)
         self._facts |= metrics
-
-
-def _usable_device(name: str) -> torch.device:
-    try:
-        torch.empty(0, device=name)
-    except (RuntimeError, AssertionError) as error:  # builds of torch for CPUs assert
-        reason = str(error).partition("\n")[0].rstrip(".")
-        raise ConfigError(
-            f"torch cannot use the device '{name}' ({reason}); set JUICER_DEVICE to cpu, or to a GPU of this machine "
-            "and install a build of torch for it"
-        ) from None
-    return torch.device(name)
 
 
 def _settings(policy: PolicyConfig, tasks: Tasks, config: TrainingConfig, seed: int) -> dict[str, object]:

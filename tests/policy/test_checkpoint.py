@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from juicer.errors import InvalidCheckpoint
+from juicer.errors import ConfigError, InvalidCheckpoint
 from juicer.policy.checkpoint import Checkpoint, CheckpointMetadata, load_checkpoint, load_policy, save_checkpoint
 from juicer.policy.config import DiffusionConfig, MLPDenoiserConfig, PolicyConfig
 from juicer.policy.network import build_policy
@@ -74,3 +74,18 @@ def test_weights_that_do_not_fit_their_configuration_are_refused(checkpoint, tmp
     save_checkpoint(tmp_path, Checkpoint(checkpoint.metadata, checkpoint.weights, {"stem": torch.zeros(1)}))
     with pytest.raises(InvalidCheckpoint, match="does not fit"):
         load_policy(tmp_path, "toy")
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="needs a machine without a GPU")
+def test_a_device_that_is_not_there_is_refused_before_anything_acts(checkpoint, tmp_path):
+    save_checkpoint(tmp_path, checkpoint)
+    with pytest.raises(ConfigError, match="torch cannot use the device 'cuda'"):
+        load_policy(tmp_path, "toy", device="cuda")
+
+
+def test_a_policy_computes_on_the_device_it_is_given(checkpoint, observe):
+    # The device without memory stands in for a GPU: whatever were left on the processor could not be combined with it.
+    policy = checkpoint.policy("toy", device="meta")
+    with pytest.raises(NotImplementedError, match="meta"):
+        act(policy, observe(3))
+    assert {value.device.type for value in policy._network.state_dict().values()} == {"meta"}

@@ -81,7 +81,7 @@ class PartOverHole:
         for _ in range(60):
             joints = env._controller.joint_targets(goal, joints)
         data.qpos[:NUM_ARM_JOINTS] = data.ctrl[:NUM_ARM_JOINTS] = joints
-        env._fingers[:] = self.grasp.half_width_m
+        env._views.fingers[:] = self.grasp.half_width_m
         data.ctrl[NUM_ARM_JOINTS] = -GRIP_FORCE_N
         data.qvel[:] = 0
         data.tree_asleep[:] = -11
@@ -102,7 +102,7 @@ class PartOverHole:
 
     def part_poses(self) -> np.ndarray:
         """View ``(5, 7)`` on the simulator's part poses."""
-        return self.env._part_poses.reshape(-1, 7)
+        return self.env._views.part_poses.reshape(-1, 7)
 
     def nudge(self, velocity_m_s: float) -> None:
         """Set everything that is assembled in motion along the table."""

@@ -20,7 +20,7 @@ class Lamp:
         """Place the parts so far above their seats; a bulb in its thread stays there, the hood falls."""
         self.env = env = AssemblyEnv("lamp")
         env.reset(seed=0)
-        self.poses = env._part_poses.reshape(-1, 7)
+        self.poses = env._views.part_poses.reshape(-1, 7)
         base = env.task.parts[BASE]
         corner = [home - 2e-4 for home in home_xy(base)]
         self.poses[BASE] = [*corner, base.start[2] + 1e-4, *base.start[3:]]
@@ -81,5 +81,5 @@ def test_an_assembled_lamp_stays_so_when_it_is_nudged(velocity_m_s):
     lamp.nudge(velocity_m_s)
     lamp.wait(15)
     for pair, progress in zip(lamp.env.task.pairs, lamp.env._pairs, strict=True):
-        assembled = progress.measure(lamp.env._part_positions, lamp.env._part_matrices)[-1]
+        assembled = progress.measure(lamp.env._views.part_positions, lamp.env._views.part_matrices)[-1]
         assert assembled, f"{pair.label} came off"

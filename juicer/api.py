@@ -1,0 +1,198 @@
+"""The front door for Python: ``from juicer import api``.
+
+Look into a store, take episodes, evaluations and policies out of it, make environments, and measure a policy of
+one's own as ours are measured. Nothing heavy is imported before it is used.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from juicer.errors import ArtifactError, ArtifactNotFound
+
+if TYPE_CHECKING:
+    from juicer.artifacts.store import ArtifactStore
+    from juicer.episode import Episode
+    from juicer.rollout import Policy, Reaction
+    from juicer.sim.env import AssemblyEnv
+    from juicer.storage.episodes import EpisodeReader
+    from juicer.storage.tables import EvaluationRow
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """How a policy did.
+
+    Attributes:
+        task: Assembly task.
+        randomness: Level of the initial states.
+        rows: How each episode ended, in the order of the initial states.
+    """
+
+    task: str
+    randomness: str
+    rows: tuple[EvaluationRow, ...]
+
+    @property
+    def successes(self) -> int:
+        """Episodes in which everything was assembled."""
+        return self.outcomes.get("success", 0)
+
+    @property
+    def rate(self) -> float:
+        """Share of successes."""
+        return self.successes / len(self.rows)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % Wilson interval of the rate."""
+        from juicer.evaluation import wilson_interval
+
+        return wilson_interval(self.successes, len(self.rows))
+
+    @property
+    def outcomes(self) -> dict[str, int]:
+        """Episodes by how they ended."""
+        return dict(Counter(row.outcome.value for row in self.rows))
+
+    def __str__(self) -> str:
+        """The rate in a sentence, with all that belongs to it."""
+        low, high = self.interval
+        share = f"{self.successes} of {len(self.rows)} episodes of {self.task} ({self.randomness}) succeeded"
+        return f"{share}: {self.rate:.1%} (95 % interval {low:.1%} to {high:.1%})"
+
+
+def open_store(place: str | Path = "data") -> ArtifactStore:
+    """The artifact store in a folder, or at an fsspec URL. Its ``list(kind)`` describes what it holds.
+
+    Raises:
+        ArtifactNotFound: If there is no such folder.
+    """
+    from juicer.artifacts.store import ArtifactStore
+
+    if "://" not in str(place) and not Path(place).expanduser().is_dir():
+        raise ArtifactNotFound(f"there is no artifact store in '{place}': it is no folder")
+    return ArtifactStore(place)
+
+
+def load_episodes(store: ArtifactStore, id: str) -> EpisodeReader:
+    """Episodes of an artifact: ``records``, ``read(number)``, and all steps of an array with ``steps(name)``.
+
+    Args:
+        store: Where it is kept.
+        id: Its id, or as much of it as is unique.
+
+    Raises:
+        ArtifactError: If there is no such artifact, or it is damaged.
+    """
+    from juicer.storage.episodes import EpisodeReader
+
+    return EpisodeReader(store.open(store.resolve(id, "episodes")))
+
+
+def load_evaluation(store: ArtifactStore, id: str) -> Evaluation:
+    """What an evaluation found, see :func:`load_episodes`.
+
+    Raises:
+        ArtifactError: If there is no such artifact, or it is damaged.
+    """
+    from juicer.storage.tables import read_evaluation
+
+    ref = store.resolve(id, "evaluation")
+    rows = tuple(read_evaluation(store.open(ref)))
+    config = store.manifest(ref).recipe.config
+    if not rows or not {"task", "randomness"} <= set(config):
+        raise ArtifactError(f"{ref} does not say which task was evaluated; it is of another version of juicer")
+    return Evaluation(str(config["task"]), str(config["randomness"]), rows)
+
+
+def load_policy(store: ArtifactStore, id: str, task: str, device: str = "cpu") -> Policy:
+    """Policy of a checkpoint, ready to act on a task; see :func:`load_episodes`.
+
+    Raises:
+        JuicerError: If it is not there or damaged, was not trained for the task, or torch lacks the device.
+    """
+    from juicer.policy.checkpoint import load_policy
+
+    return load_policy(store.open(store.resolve(id, "checkpoint")), task, device=device)
+
+
+def make(task: str = "one_leg", **settings: Any) -> AssemblyEnv:
+    """Gymnasium environment of a task; the settings are those of :class:`juicer.sim.env.AssemblyEnv`.
+
+    Raises:
+        ConfigError: If the task or a setting is unknown.
+    """
+    from juicer.sim.env import AssemblyEnv
+
+    return AssemblyEnv(task, **settings)
+
+
+def rollout(
+    policy: Policy | Reaction,
+    task: str,
+    seeds: Iterable[int],
+    *,
+    randomness: str = "low",
+    num_envs: int = 8,
+    max_steps: int | None = None,
+    root_seed: int = 0,
+) -> Iterator[Episode]:
+    """Let a policy act from initial states of one's choice; see :func:`juicer.rollout.rollout`.
+
+    Args:
+        policy: What acts. A plain function is shown one observation at a time, ``(D,)`` an array, and gives one action
+            ``(10,)``; it may depend on nothing but its argument, as the episodes take turns.
+        task: Assembly task.
+        seeds: Initial-state seeds.
+        randomness: Level of the initial states.
+        num_envs: Environments that run side by side; they shape no result.
+        max_steps: Steps after which an episode ends; the task's own limit if None.
+        root_seed: Root of the policy's noise.
+
+    Raises:
+        InvalidAction: If the policy's actions have a wrong shape, are not finite, or are out of range.
+        PolicyFailed: If the policy is none, or raises anything.
+        ConfigError: If a name or a number is wrong.
+    """
+    from juicer.rollout import as_policy, rollout
+
+    acting = as_policy(policy)
+    return rollout(acting, task, randomness, seeds, num_envs=num_envs, max_steps=max_steps, root_seed=root_seed)
+
+
+def evaluate(
+    policy: Policy | Reaction,
+    task: str,
+    *,
+    episodes: int = 100,
+    randomness: str = "low",
+    first: int = 0,
+    num_envs: int = 8,
+    max_steps: int | None = None,
+) -> Evaluation:
+    """Success rate of a policy on the initial states on which ``juicer evaluate`` measures, and nothing else is done.
+
+    Args:
+        policy: See :func:`rollout`.
+        task: Assembly task.
+        episodes: How many.
+        randomness: Level of the initial states.
+        first: Position of the first initial state among those for evaluations.
+        num_envs: Environments that run side by side; they shape no result.
+        max_steps: Steps after which an episode ends; the task's own limit if None.
+
+    Raises:
+        JuicerError: See :func:`rollout`.
+    """
+    from juicer.seed_ranges import Purpose, claim
+    from juicer.sim.arguments import checked_count
+    from juicer.storage.tables import EvaluationRow
+
+    seeds = claim(Purpose.EVALUATION, checked_count("first", first, 0), checked_count("episodes", episodes))
+    runs = rollout(policy, task, seeds, randomness=randomness, num_envs=num_envs, max_steps=max_steps)
+    return Evaluation(task, str(randomness), tuple(EvaluationRow.of(index, run) for index, run in enumerate(runs)))

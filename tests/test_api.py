@@ -1,0 +1,139 @@
+"""The front door for Python, and the page that shows it."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from juicer import api
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.episode import Episode
+from juicer.errors import ArtifactNotFound, ConfigError, InvalidAction, InvalidCheckpoint, PolicyFailed
+from juicer.evaluation import wilson_interval
+from juicer.policy.replay import ReplayPolicy
+from juicer.seed_ranges import SEED_RANGES, Purpose
+from juicer.storage.episodes import write_episodes
+from juicer.storage.tables import EvaluationRow, write_evaluation
+
+PAGE = Path(__file__).parents[1] / "docs" / "library.md"
+KINDS = ("episodes", "checkpoint", "evaluation")
+
+
+def stay(observation: Any) -> Any:
+    return np.append(observation["proprioception"][:9], 1.0)
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory, insertions: list[Episode]) -> ArtifactStore:
+    """Two demonstrations, a policy that repeats them, and its evaluation."""
+    store = ArtifactStore(tmp_path_factory.mktemp("somewhere") / "data")
+    for kind in KINDS:
+        with store.create(Recipe("test", kind, config={"task": "one_leg", "randomness": "low"})) as draft:
+            if kind == "episodes":
+                write_episodes(draft.path, insertions, {})
+            elif kind == "checkpoint":
+                poses = np.stack([episode.steps["part_poses"][0] for episode in insertions])
+                actions = [episode.steps["action"] for episode in insertions]
+                ReplayPolicy(poses, actions, [0, 4], steps=100).save(draft.path, "one_leg")
+            else:
+                write_evaluation(draft.path, [EvaluationRow.of(*numbered) for numbered in enumerate(insertions)])
+    return store
+
+
+def ids(store: ArtifactStore) -> dict[str, str]:
+    return {kind: store.refs(kind)[0].id for kind in KINDS}
+
+
+def test_the_examples_of_the_page_run(
+    store: ArtifactStore, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.chdir(Path(store.url).parent)
+    code = "\n".join(re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL))
+    for kind, id in ids(store).items():
+        code = code.replace(kind.upper(), id[:6])
+    exec(compile(code, str(PAGE), "exec"), {"__name__": "library"})
+    printed = capsys.readouterr().out
+    assert "0 of 4 episodes of one_leg (high) succeeded: 0.0% (95 % interval 0.0% to 49.0%)" in printed
+
+
+def test_importing_it_imports_nothing_heavy():
+    script = (
+        "import sys\nfrom juicer import api\n"
+        "print(sorted({'numpy', 'torch', 'mujoco', 'zarr', 'gymnasium', 'pyarrow'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+def test_what_is_in_a_store_is_found_by_the_beginning_of_its_id(store: ArtifactStore, insertions: list[Episode]):
+    known = ids(store)
+    episodes = api.load_episodes(store, known["episodes"][:5])
+    np.testing.assert_array_equal(episodes.read(1).steps["action"], insertions[1].steps["action"])
+    evaluation = api.load_evaluation(store, f"evaluation/{known['evaluation']}")
+    assert (evaluation.task, evaluation.randomness, evaluation.successes, len(evaluation.rows)) == (
+        "one_leg",
+        "low",
+        2,
+        2,
+    )
+    assert evaluation.interval == wilson_interval(2, 2)
+    (run,) = api.rollout(api.load_policy(store, known["checkpoint"], "one_leg"), "one_leg", [0], max_steps=3)
+    np.testing.assert_array_equal(run.steps["action"], insertions[0].steps["action"][:3])
+
+
+def test_what_is_not_there_is_told(store: ArtifactStore, tmp_path: Path):
+    with pytest.raises(ArtifactNotFound, match="no artifact answers to 'ffff'"):
+        api.load_episodes(store, "ffff")
+    with pytest.raises(ArtifactNotFound, match="it is no folder"):
+        api.open_store(tmp_path / "dta")
+    with pytest.raises(InvalidCheckpoint, match="show 'one_leg', not 'lamp'"):
+        api.load_policy(store, ids(store)["checkpoint"], "lamp")
+    assert api.open_store(store.url).resolve(ids(store)["episodes"]) == ArtifactRef("episodes", ids(store)["episodes"])
+
+
+def test_an_evaluation_starts_where_ours_start_and_does_not_depend_on_what_runs_beside():
+    alone = api.evaluate(stay, "one_leg", episodes=3, first=5, num_envs=1, max_steps=3)
+    assert [row.seed for row in alone.rows] == list(SEED_RANGES[Purpose.EVALUATION][5:8])
+    assert (alone.successes, alone.rate, alone.outcomes) == (0, 0.0, {"timeout": 3})
+    assert alone == api.evaluate(stay, "one_leg", episodes=3, first=5, num_envs=3, max_steps=3)
+    assert str(alone) == "0 of 3 episodes of one_leg (low) succeeded: 0.0% (95 % interval 0.0% to 56.1%)"
+
+
+@pytest.mark.parametrize(
+    ("settings", "problem"),
+    [
+        ({"episodes": 0}, "episodes must be a whole number of at least 1, got 0"),
+        ({"episodes": 2.5}, "episodes must be a whole number"),
+        ({"episodes": 2_000_000}, "initial states"),
+        ({"first": -1}, "first must be a whole number of at least 0"),
+        ({"num_envs": 0}, "num_envs must be at least 1"),
+        ({"max_steps": 0}, "max_steps must be a whole number"),
+        ({"randomness": "wild"}, "randomness 'wild'"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(settings: Any, problem: str):
+    with pytest.raises(ConfigError, match=problem):
+        api.evaluate(stay, "one_leg", **settings)
+
+
+def test_an_unknown_task_is_refused():
+    for call in (lambda: api.make("one_lag"), lambda: api.evaluate(stay, "one_lag")):
+        with pytest.raises(ConfigError, match="did you mean 'one_leg'"):
+            call()
+
+
+def test_a_policy_that_is_wrong_ends_in_a_sentence():
+    with pytest.raises(InvalidAction, match=r"at step 0 of the episode from initial state 3000000 .* finite"):
+        api.evaluate(lambda seen: np.full(10, np.nan), "one_leg", episodes=1)
+    with pytest.raises(PolicyFailed, match="ZeroDivisionError"):
+        api.evaluate(lambda seen: 1 / 0, "one_leg", episodes=1)
+    with pytest.raises(PolicyFailed, match="is neither"):
+        api.evaluate(None, "one_leg")
