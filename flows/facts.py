@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from juicer.artifacts.manifest import FINDING
+
 _CHOSEN = (
     "successes",
     "yield",
@@ -29,7 +31,8 @@ def headline(summary: Mapping[str, Any]) -> str:
         low, high = summary["interval_low"], summary["interval_high"]
         return f"success {summary['success_rate']:.0%} of {summary['episodes']} episodes ({low:.0%} to {high:.0%})"
     chosen = {name: summary[name] for name in _CHOSEN if isinstance(summary.get(name), int | float)}
-    return ", ".join(f"{name.rpartition('/')[2].replace('_', ' ')} {number(value)}" for name, value in chosen.items())
+    facts = ", ".join(f"{name.rpartition('/')[2].replace('_', ' ')} {number(value)}" for name, value in chosen.items())
+    return "; ".join(str(part) for part in (facts, summary.get(FINDING)) if part)
 
 
 def number(value: float | str) -> str:

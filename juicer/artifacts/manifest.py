@@ -18,6 +18,8 @@ from juicer.config import canonical_json
 
 SCHEMA_VERSION = 1
 MANIFEST_NAME = "manifest.json"
+FINDING = "finding"
+"""Key of a summary: in a sentence, why an artifact holds nothing, or less than it seems to."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,11 @@ class Manifest:
     def ref(self) -> ArtifactRef:
         """The artifact described."""
         return self.recipe.ref
+
+    @property
+    def finding(self) -> str:
+        """Why the artifact holds nothing, or less than it seems to; empty if there is nothing of the kind to say."""
+        return str(self.summary.get(FINDING, ""))
 
     @property
     def content(self) -> str:
