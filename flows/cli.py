@@ -40,12 +40,13 @@ def run(
     task: OneTask = None,
     condition: OneCondition = None,
     seed: OneSeed = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only tell what would be reused or computed.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Run the whole loop: one model, or a study of several conditions and seeds."""
-    from flows.commands.running import Part, run_flow
+    from flows.commands.running import Part, preview_flow, run_flow
 
-    run_flow(config, overrides or [], Part(task, condition, seed), as_json)
+    (preview_flow if dry_run else run_flow)(config, overrides or [], Part(task, condition, seed), as_json)
 
 
 @app.command()

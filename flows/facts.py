@@ -38,3 +38,10 @@ def headline(summary: Mapping[str, Any]) -> str:
 def number(value: float | str) -> str:
     """Three digits of a fraction, all of a count."""
     return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def duration(seconds: float) -> str:
+    """Minutes and seconds, e.g. ``0:04``; with hours if there are any."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
