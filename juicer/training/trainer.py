@@ -84,11 +84,7 @@ def train(
         TrainingFailed: If there is too little data, or windows leave out most of it, or the loss is no longer a number.
     """
     torch_device = _usable_device(device)
-    if isinstance(config.state_noise, OriginalStateNoise) and policy.action_frame != "absolute":
-        raise ConfigError(
-            "state_noise 'original' perturbs normalised numbers, from which no pose for relative actions can be "
-            "taken; use state_noise 'physical' or action_frame 'absolute'"
-        )
+    _check_noise(policy, config)
     episodes = concatenate(sources)
     learned, held_out = cut_sides(episodes, policy.horizons, config, seed)
     use = measure_use(episodes, learned, held_out)
@@ -224,6 +220,14 @@ class _Loop:
     def _record(self, metrics: Mapping[str, float], step: int) -> None:
         self._metrics.log(metrics, step)
         self._facts |= metrics
+
+
+def _check_noise(policy: PolicyConfig, config: TrainingConfig) -> None:
+    if isinstance(config.state_noise, OriginalStateNoise) and policy.action_frame != "absolute":
+        raise ConfigError(
+            "state_noise 'original' perturbs normalised numbers, from which no pose for relative actions can be "
+            "taken; use state_noise 'physical' or action_frame 'absolute'"
+        )
 
 
 def _usable_device(name: str) -> torch.device:
