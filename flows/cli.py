@@ -169,6 +169,14 @@ def replay(
 
 
 @app.command()
+def doctor(as_json: AsJson = False) -> None:
+    """Examine this machine, and say what to do where something stands in juicer's way."""
+    from flows.commands.examining import examine_machine
+
+    examine_machine(as_json)
+
+
+@app.command()
 def ui(
     prefect_port: Annotated[int | None, typer.Option(help="Port of Prefect's pages; a free one if left out.")] = None,
     mlflow_port: Annotated[int | None, typer.Option(help="Port of MLflow's pages; a free one if left out.")] = None,
