@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flows.config import RunConfig
-from flows.plan import PlannedCall, plan
-from juicer.artifacts.explain import Explainer, Explanation
+from flows.plan import PlannedCall, explainer, plan
+from juicer.artifacts.explain import Explanation
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 
@@ -43,11 +43,11 @@ def preview(store: ArtifactStore, config: RunConfig) -> list[PreviewedCall]:
     A selection that is not made yet is assumed to keep something, so retraining is among the calls.
     """
     planned = plan(store, config)
-    explainer = Explainer(store, [entry.call.recipe for entry in planned])
+    explaining = explainer(store, config, planned)
     calls: list[PreviewedCall] = []
     ends: dict[ArtifactRef, float] = {}
     for entry in planned:
-        explanation = explainer.explain(entry.call.recipe)
+        explanation = explaining.explain(entry.call.recipe)
         seconds = _seconds(store, entry, explanation)
         begins = max((ends[ref] for ref in entry.call.recipe.parents if ref in ends), default=0.0)
         ends[entry.ref] = begins + (0.0 if entry.exists else seconds or 0.0)

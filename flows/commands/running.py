@@ -185,8 +185,7 @@ def run_stage(
 def explain_stage(name: str, path: Path, overrides: Sequence[str], part: Part, as_json: bool) -> None:
     """``juicer explain``."""
     settings = read_settings()
-    from flows.plan import calls_of, plan
-    from juicer.artifacts.explain import Explainer
+    from flows.plan import calls_of, explainer, plan
     from stages.catalog import find_stage
 
     find_stage(name)
@@ -194,8 +193,8 @@ def explain_stage(name: str, path: Path, overrides: Sequence[str], part: Part, a
     explained = []
     for config in _load(path, overrides, part):
         planned = plan(store, config)
-        explainer = Explainer(store, [entry.call.recipe for entry in planned])
-        explained += [(entry, explainer.explain(entry.call.recipe)) for entry in calls_of(planned, name)]
+        explaining = explainer(store, config, planned)
+        explained += [(entry, explaining.explain(entry.call.recipe)) for entry in calls_of(planned, name)]
     if as_json:
         say_json(
             [

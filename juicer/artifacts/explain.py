@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, Literal
 
 from juicer.artifacts.manifest import Manifest
@@ -61,20 +62,23 @@ class Cause:
 
     Attributes:
         stage: The stage that has it.
+        section: Where its settings are in a configuration.
         difference: What it is.
         consequences: Stages that are computed again because of it, upstream first, down to the one asked about.
     """
 
     stage: str
+    section: str
     difference: Difference
     consequences: tuple[str, ...] = ()
 
     @property
     def phrase(self) -> str:
-        """The difference in words; settings, inputs and files under the name of their stage."""
+        """The difference in words; settings under the name of their section, inputs and files under their stage's."""
         if self.difference.part in ("code", "libraries"):
             return self.difference.sentence
-        return replace(self.difference, key=f"{self.stage}.{self.difference.key}").sentence
+        place = self.section if self.difference.part == "config" else self.stage
+        return replace(self.difference, key=f"{place}.{self.difference.key}").sentence
 
     @property
     def is_of_shape(self) -> bool:
@@ -145,14 +149,21 @@ def explain(store: ArtifactStore, recipe: Recipe, planned: Collection[Recipe] = 
 class Explainer:
     """Explains the misses of one plan; reads every manifest once."""
 
-    def __init__(self, store: ArtifactStore, planned: Collection[Recipe] = ()) -> None:
+    def __init__(
+        self,
+        store: ArtifactStore,
+        planned: Collection[Recipe] = (),
+        sections: Mapping[ArtifactRef, str] = MappingProxyType({}),
+    ) -> None:
         """Start with nothing read.
 
         Args:
             store: Where the artifacts are.
             planned: Recipes of the same run: what its artifacts will be made from need not exist yet.
+            sections: Where the settings of planned artifacts are in a configuration, if not under their stage's name.
         """
         self._store = store
+        self._sections = sections
         self._planned = {recipe.ref: recipe for recipe in planned}
         self._recipes: dict[ArtifactRef, Recipe | None] = dict(self._planned)
         self._manifests: dict[str, list[Manifest]] = {}
@@ -211,7 +222,8 @@ class Explainer:
             own += [difference for difference in compare(old, new) if difference.part != "inputs"]
             for difference in own:
                 shared = difference.part in ("code", "libraries")
-                _add(found, Cause(new.stage, difference, (new.stage,) if shared else ()))
+                section = self._sections.get(new.ref, new.stage)
+                _add(found, Cause(new.stage, section, difference, (new.stage,) if shared else ()))
             self._causes[key] = tuple(found.values())
         return self._causes[key]
 

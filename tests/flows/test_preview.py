@@ -10,17 +10,20 @@ import pytest
 
 from flows.cli import call
 from flows.config import load_runs
-from flows.plan import plan
+from flows.plan import explainer, plan
 from flows.preview import preview, total_seconds
-from juicer.artifacts.explain import Explainer
 from juicer.artifacts.store import ArtifactStore
 
 DEMO = Path(__file__).parents[2] / "configs" / "demo.yaml"
 
 
-def planned_with(store, *overrides):
+def config_with(*overrides):
     (config,) = load_runs(DEMO, overrides)
-    return plan(store, config)
+    return config
+
+
+def planned_with(store, *overrides):
+    return plan(store, config_with(*overrides))
 
 
 def make_all(store, planned):
@@ -40,9 +43,10 @@ def store(tmp_path):
 
 
 def explained(store, stage, *overrides):
-    planned = planned_with(store, *overrides)
-    explainer = Explainer(store, [entry.call.recipe for entry in planned])
-    return {entry.label: explainer.explain(entry.call.recipe) for entry in planned if entry.stage == stage}
+    config = config_with(*overrides)
+    planned = plan(store, config)
+    explaining = explainer(store, config, planned)
+    return {entry.label: explaining.explain(entry.call.recipe) for entry in planned if entry.stage == stage}
 
 
 def refs(store, stage):
@@ -63,7 +67,16 @@ def test_like_is_compared_with_like_down_to_the_changed_key(store):
 def test_training_before_and_after_a_round_are_told_apart(store):
     found = explained(store, "train", "train.diffusion.training.steps=9000")
     assert {label: each.nearest.ref for label, each in found.items()} == refs(store, "train")
-    assert {each.reasons[0] for each in found.values()} == {"config key 'train.training.steps' is 9000, it was 8000"}
+    assert {each.reasons[0] for each in found.values()} == {
+        "config key 'train.diffusion.training.steps' is 9000, it was 8000"
+    }
+
+
+def test_corrective_episodes_of_retraining_are_told_from_those_of_training(store):
+    (before, after) = ("augment_retraining={num_snippets: 150}", "augment_retraining={num_snippets: 250}")
+    make_all(store, [entry for entry in planned_with(store, before) if not entry.exists])
+    (found,) = [each for each in explained(store, "augment", after).values() if not each.hit]
+    assert found.reasons == ["config key 'augment_retraining.num_snippets' is 250, it was 150"]
 
 
 def test_several_changes_are_each_named_once(store):
@@ -78,7 +91,7 @@ def test_changed_code_is_told_by_module(store):
     planned = planned_with(store)
     (evaluate, *_) = [entry.call.recipe for entry in planned if entry.stage == "evaluate"]
     changed = replace(evaluate, code="new", modules={**evaluate.modules, "juicer.evaluation": "new"})
-    explanation = Explainer(store, [entry.call.recipe for entry in planned]).explain(changed)
+    explanation = explainer(store, config_with(), planned).explain(changed)
     assert explanation.reasons == ["code of 'juicer.evaluation' changed"]
     assert explanation.nearest.ref == evaluate.ref
 
