@@ -19,6 +19,7 @@ from flows.doctor.program import PATIENCE_SECONDS
 from flows.doctor.surroundings import check_ports, check_prefect, check_proxies, check_tracking, check_variables
 from flows.doctor.verdict import Check, Verdict, problem, warning
 from flows.settings import PREFIX, Settings
+from juicer.errors import JuicerError
 from juicer.text import printable
 
 CHECKS: Mapping[str, Check] = {
@@ -40,6 +41,7 @@ CHECKS: Mapping[str, Check] = {
     "ports": check_ports,
     "tracking": check_tracking,
 }
+LONGEST_MESSAGE = 500
 DEADLINE_SECONDS = PATIENCE_SECONDS + 5.0
 
 
@@ -104,6 +106,9 @@ class _Running:
         try:
             for verdict in self._check(self._settings):
                 self._verdicts.append(verdict)
+        except JuicerError as error:
+            message, _, remedy = printable(error, LONGEST_MESSAGE).partition("; ")
+            self._verdicts.append(problem(message, remedy or "see to that first"))
         except OSError as error:
             reason = printable(f"{error.strerror or type(error).__name__}: '{error.filename or error}'")
             self._verdicts.append(problem(reason, "see to its permissions, or name another place"))

@@ -27,8 +27,8 @@ def check_data_folder(settings: Settings) -> Iterator[Verdict]:
     if not existing.is_dir():
         yield problem(f"'{existing}' is no folder", "set JUICER_DATA to one")
         return
-    if not os.access(existing, os.W_OK | os.X_OK):
-        yield problem(f"'{existing}' cannot be written by {_name(os.geteuid())}", remedy)
+    if not os.access(existing, os.R_OK | os.W_OK | os.X_OK):
+        yield problem(f"'{existing}' cannot be read and written by {_name(os.geteuid())}", remedy)
         return
     if existing != folder:
         yield ok(f"'{folder}' is not there yet; the first run makes it")

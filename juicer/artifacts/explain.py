@@ -166,7 +166,8 @@ class Explainer:
         self._sections = sections
         self._planned = {recipe.ref: recipe for recipe in planned}
         self._recipes: dict[ArtifactRef, Recipe | None] = dict(self._planned)
-        self._manifests: dict[str, list[Manifest]] = {}
+        # By references: an id is a hash, and to compute it takes longer than to compare.
+        self._manifests: dict[str, dict[ArtifactRef, Manifest]] = {}
         self._causes: dict[tuple[ArtifactRef, ArtifactRef], tuple[Cause, ...]] = {}
 
     def explain(self, recipe: Recipe) -> Explanation:
@@ -175,44 +176,48 @@ class Explainer:
         The nearest is made from the same kinds of things, is of the same task and seed, is not what the run uses in
         another place, and has the fewest changes in itself and its ancestors, in this order; among equals, the newest.
         """
+        ref = recipe.ref
         if self._store.find(recipe) is not None:
-            return Explanation(recipe.ref, recipe.stage, hit=True)
+            return Explanation(ref, recipe.stage, hit=True)
+        self._recipes[ref] = recipe
         candidates = self._candidates(recipe)
         if not candidates:
-            return Explanation(recipe.ref, recipe.stage, hit=False)
-        compared = [(manifest, self._between(manifest.recipe, recipe)) for manifest in candidates]
-        nearest, causes = min(compared, key=lambda candidate: self._distance(*candidate))
-        return Explanation(recipe.ref, recipe.stage, False, nearest, tuple(sorted(causes, key=_rank)))
+            return Explanation(ref, recipe.stage, hit=False)
+        compared = {old: self._between(old, manifest.recipe, ref, recipe) for old, manifest in candidates.items()}
+        nearest = min(compared, key=lambda old: self._distance(old, compared[old]))
+        causes = tuple(sorted(compared[nearest], key=_rank))
+        return Explanation(ref, recipe.stage, False, candidates[nearest], causes)
 
-    def _candidates(self, recipe: Recipe) -> list[Manifest]:
+    def _candidates(self, recipe: Recipe) -> dict[ArtifactRef, Manifest]:
         """Artifacts of the same stage, newest first."""
         if recipe.kind not in self._manifests:
-            self._manifests[recipe.kind] = list(reversed(self._store.list(recipe.kind)))
-            for manifest in self._manifests[recipe.kind]:
-                self._recipes[manifest.ref] = manifest.recipe
-        return [manifest for manifest in self._manifests[recipe.kind] if manifest.recipe.stage == recipe.stage]
+            manifests = {manifest.ref: manifest for manifest in reversed(self._store.list(recipe.kind))}
+            self._manifests[recipe.kind] = manifests
+            self._recipes |= {ref: manifest.recipe for ref, manifest in manifests.items()}
+        manifests = self._manifests[recipe.kind]
+        return {ref: manifest for ref, manifest in manifests.items() if manifest.recipe.stage == recipe.stage}
 
-    def _distance(self, manifest: Manifest, causes: Sequence[Cause]) -> tuple[int, int, bool, int]:
+    def _distance(self, ref: ArtifactRef, causes: Sequence[Cause]) -> tuple[int, int, bool, int]:
         return (
             sum(cause.is_of_shape for cause in causes),
             sum(cause.is_of_identity for cause in causes),
-            manifest.ref in self._planned,
+            ref in self._planned,
             len(causes),
         )
 
-    def _between(self, old: Recipe, new: Recipe) -> tuple[Cause, ...]:
+    def _between(self, old_ref: ArtifactRef, old: Recipe, new_ref: ArtifactRef, new: Recipe) -> tuple[Cause, ...]:
         """What changed from one recipe of a stage to another, each root once."""
-        key = (old.ref, new.ref)
+        key = (old_ref, new_ref)
         if key not in self._causes:
             upstream: dict[str, Cause] = {}
             own: list[Difference] = []
             for role in sorted(old.inputs.keys() | new.inputs.keys()):
                 for before, after in self._paired(old.inputs.get(role, ()), new.inputs.get(role, ())):
                     was, will_be = self._recipe(before), self._recipe(after)
-                    if was is None or will_be is None:
+                    if before is None or after is None or was is None or will_be is None:
                         own.append(self._of_input(role, before, after))
                         continue
-                    for cause in self._between(was, will_be):
+                    for cause in self._between(before, was, after, will_be):
                         _add(upstream, cause)
             # After all that is upstream, so that consequences come in their order.
             found = {
@@ -222,7 +227,7 @@ class Explainer:
             own += [difference for difference in compare(old, new) if difference.part != "inputs"]
             for difference in own:
                 shared = difference.part in ("code", "libraries")
-                section = self._sections.get(new.ref, new.stage)
+                section = self._sections.get(new_ref, new.stage)
                 _add(found, Cause(new.stage, section, difference, (new.stage,) if shared else ()))
             self._causes[key] = tuple(found.values())
         return self._causes[key]

@@ -23,6 +23,7 @@ from flows.doctor.verdict import State, ok
 from flows.settings import Settings
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
+from juicer.errors import ConfigError
 
 
 @pytest.fixture
@@ -81,13 +82,21 @@ def test_a_check_that_fails_or_hangs_is_a_finding_and_the_others_go_on(settings)
         hangs.wait()
         yield ok("never")
 
-    found = examine({"failing": failing, "hanging": hanging, "fine": lambda settings: iter([ok("fine")])}, 0.2)
+    def refusing(settings):
+        raise ConfigError("the address is none; write another")
+        yield
+
+    found = examine(
+        {"failing": failing, "refusing": refusing, "hanging": hanging, "fine": lambda settings: iter([ok("fine")])}, 0.2
+    )
     hangs.set()
     told = {(each.name, each.verdict.state): each.verdict.message for each in found}
     assert told["failing", State.OK] == "so far"
     assert told["failing", State.PROBLEM] == r"this could not be found out (RuntimeError: odd\x1b[31m)"
     assert "not found out in time" in told["hanging", State.WARNING]
     assert told["fine", State.OK] == "fine"
+    (refused,) = [each.verdict for each in found if each.name == "refusing"]
+    assert (refused.message, refused.remedy) == ("the address is none", "write another")
 
 
 def test_settings_that_are_not_valid_are_all_told_and_the_rest_is_used(settings, monkeypatch):
