@@ -26,7 +26,7 @@ from juicer.tasks.specification import MOUNTED_COSINE, MOUNTED_M
 from juicer.training.config import TrainingConfig
 from juicer.training.learner import Learner
 from juicer.training.table import BatchOrder
-from juicer.training.trainer import build_tables
+from juicer.training.trainer import build_tables, cut_sides
 from juicer.training.windows import TrainingEpisodes
 
 PRESETS = Path(__file__).parent.parent / "configs" / "presets"
@@ -65,14 +65,16 @@ def synthetic_episodes(seed: int = 0) -> TrainingEpisodes:
     }
     actions = np.concatenate([rotated(poses()), rng.choice([-1, 1], size=(total, 1))], axis=1).astype(np.float32)
     ends = np.arange(1, NUM_EPISODES + 1) * NUM_STEPS
-    return TrainingEpisodes(observations, actions, ends, [str(index) for index in range(NUM_EPISODES)])
+    families = [str(index) for index in range(NUM_EPISODES)]
+    return TrainingEpisodes(observations, actions, ends, families, ["teleop"] * NUM_EPISODES)
 
 
 def measure_training(episodes: TrainingEpisodes, preset: PolicyPreset, steps: int) -> dict[str, float]:
     """Median milliseconds of CPU time a training step, and of the gathering within it."""
     device, config = torch.device("cpu"), preset.training
     network = build_policy(preset.policy, {"toy": SPEC}, seed=0)
-    tables = build_tables(episodes, network, config, seed=0, device=device)
+    sides = cut_sides(episodes, preset.policy.horizons, config, seed=0)
+    tables = build_tables(episodes, sides, network, config, seed=0, device=device)
     learner = Learner(network, config, seed=0, device=device)
     order = BatchOrder(len(tables.learned), config.batch_size, seed=0)
     sampling, whole = [], []

@@ -16,7 +16,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from flows.facts import headline, number, rejections
+from flows.facts import duration, headline, number, rejections
 from juicer.progress import Progress
 
 REFRESHES_PER_SECOND = 4
@@ -119,7 +119,7 @@ class Board:
                 self._seconds.setdefault(stage, []).append(line.seconds)
             self._finished += state in ("done", "reused")
             mark, colour = _MARKS[state]
-            took = f"{_duration(line.seconds):>8}" if line else f"{state:>8}"
+            took = f"{duration(line.seconds):>8}" if line else f"{state:>8}"
             text = f"{_clock()}  {mark} {stage:9} {label:24} {took}  {headline(summary)}"
             self.console.print(Text(text.rstrip(), style=colour if state == "failed" else ""), soft_wrap=True)
             for rejection in rejections(summary) if state == "done" else ():
@@ -155,23 +155,17 @@ class Board:
     def _total(self) -> str:
         seconds, complete = self.seconds_left()
         waiting = len(self._expected)
-        so_far = f"{_duration(time.monotonic() - self._started)} so far, {self._finished} stages done"
+        so_far = f"{duration(time.monotonic() - self._started)} so far, {self._finished} stages done"
         if not waiting:
             return so_far
         if seconds < 1 and not complete:
             return f"{so_far}, {waiting} to go"
         about = "about" if complete else "more than"
-        return f"{so_far}, {waiting} to go, {about} {_duration(seconds)} left"
+        return f"{so_far}, {waiting} to go, {about} {duration(seconds)} left"
 
 
 def _clock() -> str:
     return time.strftime("%H:%M:%S")
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
 
 
 def _count(line: _Line) -> str:
@@ -182,7 +176,7 @@ def _count(line: _Line) -> str:
 
 def _left(line: _Line) -> str:
     seconds = line.seconds_left
-    return "" if seconds is None else f"{_duration(seconds)} left"
+    return "" if seconds is None else f"{duration(seconds)} left"
 
 
 def _facts(line: _Line) -> str:

@@ -87,13 +87,14 @@ def run(
     task: Tasks = None,
     condition: Conditions = None,
     seed: Seeds = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only tell what would be reused or computed.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Run the whole loop: one model, or a study of several conditions and seeds."""
     from flows.commands.choosing import Choice
-    from flows.commands.running import run_flow
+    from flows.commands.running import preview_flow, run_flow
 
-    run_flow(Choice.of(config, overrides, task, condition, seed), as_json)
+    (preview_flow if dry_run else run_flow)(Choice.of(config, overrides, task, condition, seed), as_json)
 
 
 @app.command("config")
@@ -241,6 +242,14 @@ def replay(
     from flows.commands.making import replay_episode
 
     replay_episode(episodes, episode, video, camera, speed, as_json)
+
+
+@app.command()
+def doctor(as_json: AsJson = False) -> None:
+    """Examine this machine, and say what to do where something stands in juicer's way."""
+    from flows.commands.examining import examine_machine
+
+    examine_machine(as_json)
 
 
 @app.command()

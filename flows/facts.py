@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from juicer.artifacts.manifest import FINDING
 from juicer.text import printable
 
 _CHOSEN = (
@@ -34,7 +35,8 @@ def headline(summary: Mapping[str, Any]) -> str:
         rate, low, high = rates
         return f"success {rate:.0%} of {printable(summary.get('episodes'))} episodes ({low:.0%} to {high:.0%})"
     chosen = {name: summary[name] for name in _CHOSEN if isinstance(summary.get(name), int | float)}
-    return ", ".join(f"{name.rpartition('/')[2].replace('_', ' ')} {number(value)}" for name, value in chosen.items())
+    facts = ", ".join(f"{name.rpartition('/')[2].replace('_', ' ')} {number(value)}" for name, value in chosen.items())
+    return "; ".join(str(part) for part in (facts, summary.get(FINDING)) if part)
 
 
 def rejections(summary: Mapping[str, Any]) -> list[str]:
@@ -47,3 +49,10 @@ def rejections(summary: Mapping[str, Any]) -> list[str]:
 def number(value: float | str) -> str:
     """Three digits of a fraction, all of a count."""
     return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def duration(seconds: float) -> str:
+    """Minutes and seconds, e.g. ``0:04``; with hours if there are any."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"

@@ -9,7 +9,7 @@ from pathlib import Path
 from flows.conditions import METHODS, Condition
 from flows.loop_config import LoopConfig
 from juicer.artifacts.ref import ArtifactRef
-from juicer.errors import ConfigError, NothingLeft
+from juicer.errors import ArtifactNotFound, ConfigError
 from juicer.teleoperation.log import SUFFIX
 from juicer.text import printable
 from stages.annotate import annotate
@@ -51,13 +51,13 @@ class _Data:
         session: Session of the last turn of collect, select, train.
         episodes: Demonstrations and corrective episodes.
         selections: Successes of the model's predecessors.
-        finding: Why there are no more of these.
+        findings: Why there are no more of these.
     """
 
     session: Session
     episodes: tuple[ArtifactRef, ...]
     selections: tuple[ArtifactRef, ...] = ()
-    finding: str = ""
+    findings: tuple[str, ...] = ()
 
 
 def run_model(session: Session, config: LoopConfig, condition: Condition, seed: int) -> ModelOutcome:
@@ -65,7 +65,8 @@ def run_model(session: Session, config: LoopConfig, condition: Condition, seed: 
 
     A model that finds nothing to retrain on is evaluated as it is: a condition's average must not leave out its worst.
     """
-    method, finding = METHODS[condition], ""
+    method = METHODS[condition]
+    findings: tuple[str, ...] = ()
     if method.mixes:
         return _run_mixed(session, config, condition, seed)
     if method.replays:
@@ -73,10 +74,11 @@ def run_model(session: Session, config: LoopConfig, condition: Condition, seed: 
         checkpoint = memorise(session, episodes=demonstrations, config=MemoriseConfig())
     else:
         data = _gather(session, config, condition, seed)
-        session, finding = data.session, data.finding
+        session = data.session
         checkpoint = _train(session, config.final_training(condition, seed), [data])
+        findings = (*data.findings, *_findings(session, checkpoint))
     evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluation)
-    return ModelOutcome(condition, seed, checkpoint, evaluation, finding)
+    return ModelOutcome(condition, seed, checkpoint, evaluation, "; ".join(findings))
 
 
 def _run_mixed(session: Session, config: LoopConfig, condition: Condition, seed: int) -> ModelOutcome:
@@ -87,7 +89,8 @@ def _run_mixed(session: Session, config: LoopConfig, condition: Condition, seed:
     }
     checkpoint = _train(session, config.final_training(condition, seed), gathered.values())
     evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluation)
-    findings = (f"{task}: {data.finding}" for task, data in gathered.items() if data.finding)
+    findings = [f"{task}: {finding}" for task, data in gathered.items() for finding in data.findings]
+    findings += _findings(session, checkpoint)
     return ModelOutcome(condition, seed, checkpoint, evaluation, "; ".join(findings))
 
 
@@ -106,20 +109,29 @@ def _gather(session: Session, config: LoopConfig, condition: Condition, seed: in
     """Data of one task: demonstrations, corrective episodes, and what models trained on these achieve themselves."""
     method, training = METHODS[condition], config.training(condition, seed)
     demonstrations = get_demonstrations(session, config)
-    episodes = _training_episodes(session, config, demonstrations, config.augment if method.augments else None)
-    data = _Data(session, episodes)
+    data = _data(session, config, demonstrations, config.augment if method.augments else None)
     for turn in range(1, config.rounds + 1) if method.collects else ():
         checkpoint = train(data.session, episodes=data.episodes, selections=data.selections, config=training)
         session = session.for_round(turn)
         rollouts = collect(session, checkpoint=checkpoint, config=config.collection(seed, turn))
-        try:
-            selection = select(session, episodes=rollouts, config=config.select)
-        except NothingLeft as finding:
-            return replace(data, finding=str(finding))
+        selection = select(session, episodes=rollouts, config=config.select)
+        if finding := _findings(session, selection):
+            return replace(data, findings=(*data.findings, *finding))
         augmentation = (config.augment_retraining or config.augment) if method.augments else None
-        episodes = _training_episodes(session, config, demonstrations, augmentation)
-        data = _Data(session, episodes, (*data.selections, selection))
+        data = _data(session, config, demonstrations, augmentation, (*data.selections, selection))
     return data
+
+
+def _findings(session: Session, ref: ArtifactRef) -> tuple[str, ...]:
+    """What an artifact says of its own emptiness, if anything.
+
+    An artifact that is not made yet, in a run in thought, is assumed to hold what is expected of it.
+    """
+    try:
+        finding = session.store.manifest(ref).finding
+    except ArtifactNotFound:
+        return ()
+    return (finding,) if finding else ()
 
 
 def get_demonstrations(session: Session, config: LoopConfig) -> ArtifactRef:
@@ -150,11 +162,18 @@ def find_logs(folder: Path) -> tuple[Path, ...]:
     return logs
 
 
-def _training_episodes(
-    session: Session, config: LoopConfig, demonstrations: ArtifactRef, augmentation: AugmentConfig | None
-) -> tuple[ArtifactRef, ...]:
+def _data(
+    session: Session,
+    config: LoopConfig,
+    demonstrations: ArtifactRef,
+    augmentation: AugmentConfig | None,
+    selections: tuple[ArtifactRef, ...] = (),
+) -> _Data:
+    """Demonstrations, what models have achieved themselves, and corrective episodes if any are wanted and found."""
     if augmentation is None:
-        return (demonstrations,)
+        return _Data(session, (demonstrations,), selections)
     annotations = annotate(session, episodes=demonstrations, labels=config.labels, config=config.annotate)
     corrective = augment(session, episodes=demonstrations, annotations=annotations, config=augmentation)
-    return (demonstrations, corrective)
+    if findings := _findings(session, corrective):
+        return _Data(session, (demonstrations,), selections, findings)
+    return _Data(session, (demonstrations, corrective), selections)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from flows.config import RunConfig
 from flows.execution import RunOutcome, run_models, write_report
+from juicer.artifacts.explain import Explainer
+from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ConfigError, did_you_mean
@@ -78,6 +80,26 @@ def is_complete(store: ArtifactStore, config: RunConfig) -> bool:
     except _MissingError:
         return False
     return True
+
+
+def explainer(store: ArtifactStore, config: RunConfig, planned: Sequence[PlannedCall]) -> Explainer:
+    """Explains the calls of a plan in the words of its configuration."""
+    sections = {entry.ref: _section(config, entry.call.recipe) for entry in planned}
+    return Explainer(store, [entry.call.recipe for entry in planned], sections)
+
+
+def _section(config: RunConfig, recipe: Recipe) -> str:
+    """Where a configuration holds the settings of a stage call; of two sections that say the same, the first."""
+    if recipe.stage == "train":
+        for name, section in config.train:
+            if section is None or section.training.steps != recipe.config["training"]["steps"]:
+                continue
+            if section.policy.model_dump(mode="json") == recipe.config["policy"]:
+                return f"train.{name}"
+    retraining = config.augment_retraining
+    if recipe.stage == "augment" and retraining not in (None, config.augment):
+        return "augment" if config.augment.model_dump(mode="json") == recipe.config else "augment_retraining"
+    return recipe.stage
 
 
 class _MissingError(Exception):

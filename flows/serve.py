@@ -6,6 +6,7 @@ import os
 from typing import Any
 
 from flows.commands.output import say
+from flows.device import check_device
 from flows.environment import API_VARIABLE, prepare_environment
 from flows.settings import PREFIX, read_settings
 from juicer.errors import ServiceUnavailable
@@ -20,6 +21,7 @@ def serve_flows() -> None:
         ServiceUnavailable: If no Prefect server is running.
     """
     settings = read_settings()
+    check_device(settings)
     if not prepare_environment(settings):
         raise ServiceUnavailable(f"deployments need a Prefect server; start one with `juicer ui` or set {API_VARIABLE}")
     # Whoever serves does not send on: two machines would wait for each other.

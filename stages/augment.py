@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
+from juicer.artifacts.manifest import FINDING
 from juicer.artifacts.ref import ArtifactRef
 from juicer.augmentation.augment import augment as augment_demonstrations
 from juicer.augmentation.config import AugmentationConfig
@@ -29,16 +30,20 @@ class AugmentConfig(AugmentationConfig):
 def augment(context: StageContext, *, episodes: ArtifactRef, annotations: ArtifactRef, config: AugmentConfig) -> None:
     """Grow demonstrations around their critical states."""
     demonstrations = EpisodeReader(context.store.open(episodes, "episodes"))
+    ranges = AugmentationConfig(**{name: getattr(config, name) for name in AugmentationConfig.model_fields})
     attempts = augment_demonstrations(
         demonstrations,
         read_annotations(context.store.open(annotations, "annotations")),
-        AugmentationConfig(**{name: getattr(config, name) for name in AugmentationConfig.model_fields}),
+        ranges,
         artifact=episodes.id,
         seed=config.seed,
         num_workers=context.workers,
         progress=context.progress,
     )
     summary = AugmentationSummary(get_task(demonstrations.records[0].task).critical_state_names)
-    write_episodes(context.draft.path, summary.keep(attempts), {"source": "augmentation"})
+    # Hundreds of attempts without a snippet are not made again.
+    write_episodes(context.draft.path, summary.keep(attempts), {"source": "augmentation"}, may_be_empty=True)
     facts = summary.as_json()
     context.draft.summary |= {"episodes": facts["snippets"], **facts}
+    if finding := summary.why_nothing(ranges):
+        context.draft.summary[FINDING] = finding

@@ -151,9 +151,12 @@ class _Sources:
         """What the evaluated model of every condition was trained on."""
         for condition, manifests in self._by_condition():
             summaries = [self._store.manifest(_checkpoint_of(manifest)).summary for manifest in manifests]
-            yield DatasetSize(
-                condition, _average([s["episodes"] for s in summaries]), _average([s["timesteps"] for s in summaries])
+            # A policy that only replays cuts no windows.
+            episodes, timesteps, unused = (
+                _average([summary.get(name, {}) for summary in summaries])
+                for name in ("episodes", "timesteps", "unused_timesteps")
             )
+            yield DatasetSize(condition, episodes, timesteps, unused)
 
     def costs(self) -> Iterator[StageCost]:
         """What each stage cost, whenever it was computed."""

@@ -7,10 +7,10 @@ from statistics import median
 
 from pydantic import Field
 
+from juicer.artifacts.manifest import FINDING
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.episode import Outcome
-from juicer.errors import NothingLeft
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.tables import SelectionRow, write_selection
 from stages.stage import StageContext, stage
@@ -51,10 +51,12 @@ def select(context: StageContext, *, episodes: ArtifactRef, config: SelectConfig
             rows.append(SelectionRow(index, keep=True, reason=record.outcome.value))
             kept += 1
             steps += int(reader.lengths[index])
-    if not kept:
-        raise NothingLeft(f"no successful rollout to retrain on: none of {len(rows)} in {episodes} succeeded")
     write_selection(context.draft.path, rows)
     context.draft.summary |= {"episodes": len(rows), "kept": kept, "rate": kept / len(rows), "steps": steps}
+    if not kept:
+        context.draft.summary[FINDING] = (
+            f"no successful rollout to retrain on: none of {len(rows)} in {episodes} succeeded"
+        )
 
 
 def _longest(reader: EpisodeReader, config: SelectConfig) -> float:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import Field
 
+from juicer.artifacts.manifest import FINDING
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import Seed, StrictConfig
-from juicer.episode import OBSERVATION_KEYS, Source
+from juicer.episode import OBSERVATION_KEYS
+from juicer.errors import NothingLeft
 from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
 from juicer.policy.tasks import Tasks, as_shown
 from juicer.storage.curves import CurveWriter
@@ -20,6 +24,9 @@ from juicer.tasks.specification import MOUNTED_COSINE, MOUNTED_M
 from juicer.training.config import TrainingConfig
 from juicer.training.windows import TrainingEpisodes
 from stages.stage import StageContext, stage
+
+if TYPE_CHECKING:
+    from juicer.training.use import SourceUse
 
 
 class TrainConfig(StrictConfig):
@@ -73,9 +80,11 @@ def train(
     context.draft.summary |= {
         "tasks": list(tasks),
         "steps": config.training.steps,
-        **_dataset(sources),
+        **_dataset(trained.use),
         **trained.facts,
     }
+    if trained.losses:
+        context.draft.summary[FINDING] = "; ".join(trained.losses)
 
 
 def feature_spec(task_name: str) -> FeatureSpec:
@@ -101,6 +110,8 @@ class _Source:
         self._reader = EpisodeReader(folder)
         self._artifact = artifact
         self._chosen = list(range(len(self._reader))) if kept is None else kept
+        if not self._chosen:
+            raise NothingLeft(f"episodes/{artifact} holds nothing to learn from; leave it out")
         self.records = [self._reader.records[index] for index in self._chosen]
         self.lengths = self._reader.lengths[self._chosen]
         self.task = self.records[0].task
@@ -119,15 +130,11 @@ class _Source:
                 record.parent or f"{self._artifact}/{index}"
                 for index, record in zip(self._chosen, self.records, strict=True)
             ],
+            sources=[record.source.value for record in self.records],
         )
 
 
-def _dataset(sources: list[_Source]) -> dict[str, object]:
-    """Size of the data by source, in the form of the paper's Table V."""
-    episodes: dict[Source, int] = {}
-    timesteps: dict[Source, int] = {}
-    for source in sources:
-        for record, length in zip(source.records, source.lengths, strict=True):
-            episodes[record.source] = episodes.get(record.source, 0) + 1
-            timesteps[record.source] = timesteps.get(record.source, 0) + int(length)
-    return {"episodes": episodes, "timesteps": timesteps}
+def _dataset(use: Mapping[str, SourceUse]) -> dict[str, dict[str, int]]:
+    """Size of the data by source, in the form of the paper's Table V, and what the windows make of it."""
+    counts = ("episodes", "timesteps", "windows", "validation_windows", "unused_episodes", "unused_timesteps")
+    return {name: {source: getattr(counted, name) for source, counted in use.items()} for name in counts}

@@ -37,3 +37,10 @@ def test_the_paper_preset_is_the_defaults_of_the_code():
     assert paper.policy == PolicyConfig()
     assert paper.training == TrainingConfig()
     assert paper.policy.head.denoiser == UNetConfig()
+
+
+@pytest.mark.parametrize("name", ["laptop", "smoke"])
+def test_no_step_of_an_episode_goes_unused_with_the_presets_for_small_machines(name):
+    for preset in presets(name).values():
+        horizons = preset.policy.horizons
+        assert preset.training.windows.back_padding >= horizons.pred - horizons.obs

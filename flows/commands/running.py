@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import typer
@@ -12,7 +13,9 @@ import typer
 from flows.commands.choosing import Choice
 from flows.commands.output import say, say_json, say_table
 from flows.commands.recordings import find_recordings, say_recordings
+from flows.device import check_device
 from flows.environment import API_VARIABLE, prepare_environment
+from flows.facts import duration
 from flows.settings import Settings, read_settings
 from flows.store import open_store
 from flows.temporary_server import TemporaryServer
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
 def run_flow(choice: Choice, as_json: bool) -> None:
     """``juicer run``."""
     settings = read_settings()
+    check_device(settings)
     has_server = prepare_environment(settings)
     if settings.spread and not has_server:
         raise ServiceUnavailable(
@@ -50,6 +54,38 @@ def run_flow(choice: Choice, as_json: bool) -> None:
     if as_json:
         # A file with several tasks is told by a list.
         say_json(outcomes[0] if len(configs) == 1 else outcomes)
+
+
+def preview_flow(choice: Choice, as_json: bool) -> None:
+    """``juicer run --dry-run``; starts no server, computes nothing and writes nothing."""
+    settings = read_settings()
+    from flows.preview import preview, total_seconds
+
+    store = open_store(settings)
+    calls = [call for config in choice.runs() for call in preview(store, config)]
+    to_come = [call for call in calls if not call.is_reused]
+    seconds, unknown = total_seconds(calls, settings.workers), sum(call.seconds is None for call in to_come)
+    if as_json:
+        totals = {"reused": len(calls) - len(to_come), "computed": len(to_come), "seconds": seconds, "unknown": unknown}
+        say_json({"calls": [asdict(call) | {"ref": call.ref and str(call.ref)} for call in calls], **totals})
+        return
+    rows = [
+        [
+            call.stage,
+            call.label,
+            "reused" if call.is_reused else "computed",
+            "unknown" if call.seconds is None else duration(call.seconds),
+            call.reason,
+        ]
+        for call in calls
+    ]
+    say_table(["stage", "for", "", "took ", "why"], rows)
+    told = f"{len(calls) - len(to_come)} reused, {len(to_come)} to be computed"
+    if to_come:
+        told += f": about {duration(seconds)} or more, by how long the most similar ones took"
+    say(told + (f"; {unknown} of them never ran and are not counted" if unknown else ""))
+    if any(call.stage == "select" for call in to_come):
+        say("a selection that keeps nothing ends its round; here each is assumed to keep something")
 
 
 def _reuse_everything(settings: Settings, config: RunConfig) -> RunOutcome | None:
@@ -102,6 +138,7 @@ def server_loss_explained() -> Iterator[None]:
 def run_stage(name: str, choice: Choice, force: bool, as_json: bool) -> None:
     """``juicer stage``."""
     settings = read_settings()
+    check_device(settings)
     has_server = prepare_environment(settings)
     from flows.plan import ready_calls
     from stages.catalog import find_stage
@@ -129,17 +166,16 @@ def run_stage(name: str, choice: Choice, force: bool, as_json: bool) -> None:
 def explain_stage(name: str, choice: Choice, as_json: bool) -> None:
     """``juicer explain``."""
     settings = read_settings()
-    from flows.plan import calls_of, plan
-    from juicer.artifacts.explain import explain
+    from flows.plan import calls_of, explainer, plan
     from stages.catalog import find_stage
 
     find_stage(name)
     store = open_store(settings)
-    explained = [
-        (entry, explain(store, entry.call.recipe))
-        for config in choice.runs()
-        for entry in calls_of(plan(store, config), name)
-    ]
+    explained = []
+    for config in choice.runs():
+        planned = plan(store, config)
+        explaining = explainer(store, config, planned)
+        explained += [(entry, explaining.explain(entry.call.recipe)) for entry in calls_of(planned, name)]
     if as_json:
         say_json(
             [
@@ -149,7 +185,7 @@ def explain_stage(name: str, choice: Choice, as_json: bool) -> None:
                     "ref": str(found.ref),
                     "hit": found.hit,
                     "nearest": str(found.nearest.ref) if found.nearest else None,
-                    "differences": [difference.sentence for difference in found.differences],
+                    "differences": found.reasons,
                 }
                 for entry, found in explained
             ]

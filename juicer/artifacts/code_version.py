@@ -72,13 +72,15 @@ def library_versions(names: Iterable[str]) -> dict[str, str]:
     Raises:
         ArtifactError: If one is not installed.
     """
-    versions = {}
-    for name in sorted(names):
-        try:
-            versions[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            raise ArtifactError(f"library '{name}' is not installed; install juicer with its dependencies") from None
-    return versions
+    return {name: _library_version(name) for name in sorted(names)}
+
+
+@functools.cache
+def _library_version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        raise ArtifactError(f"library '{name}' is not installed; install juicer with its dependencies") from None
 
 
 def home_of(module: str) -> Path:

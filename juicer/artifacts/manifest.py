@@ -23,6 +23,9 @@ from juicer.text import printable
 
 SCHEMA_VERSION = 1
 MANIFEST_NAME = "manifest.json"
+FINDING = "finding"
+"""Key of a summary: in a sentence, why an artifact holds nothing, or less than it seems to."""
+
 MOST_BYTES = 2**24
 """Of a manifest: a hundred thousand files."""
 DEEPEST = 64
@@ -83,6 +86,11 @@ class Manifest:
     def ref(self) -> ArtifactRef:
         """The artifact described."""
         return self.recipe.ref
+
+    @property
+    def finding(self) -> str:
+        """Why the artifact holds nothing, or less than it seems to; empty if there is nothing of the kind to say."""
+        return str(self.summary.get(FINDING, ""))
 
     @property
     def content(self) -> str:

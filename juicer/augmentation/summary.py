@@ -9,6 +9,7 @@ from itertools import pairwise
 from typing import Any
 
 from juicer.augmentation.augment import Rejection, Snippet
+from juicer.augmentation.config import AugmentationConfig
 from juicer.episode import Episode
 
 SIDEWAYS_EDGES_MM = (0, 2, 5, 10, 20, 50, 100, 200, 500)
@@ -53,6 +54,21 @@ class AugmentationSummary:
             self._above_mm.append(1e3 * attempt.above_m)
             self._turned_deg.append(math.degrees(attempt.turned_rad))
             yield attempt.episode
+
+    def why_nothing(self, config: AugmentationConfig) -> str:
+        """In a sentence, why no attempt was kept; empty if one was."""
+        if self._kept.total():
+            return ""
+        if not self._tried.total():
+            return (
+                "no corrective episode: no critical state of a successful demonstration can be augmented; "
+                f"label some by hand, or lower augment.min_confidence (now {config.min_confidence})"
+            )
+        reason, count = self._rejections.most_common(1)[0]
+        return (
+            f"no corrective episode: none of {self._tried.total()} attempts succeeded, {count} ended with "
+            f"'{reason}'; look at the ranges in augment.departures and at augment.tolerance"
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Facts for an artifact's manifest: counts, the yield, rejection reasons, and histograms of the starts."""

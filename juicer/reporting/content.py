@@ -70,11 +70,13 @@ class DatasetSize:
         condition: Name of the condition.
         episodes: Episodes by source (``teleop``, ``rollout``, ``augmentation``), mean over its models.
         timesteps: Timesteps by source, mean over its models.
+        unused: Those of them at which no training window begins, as their episodes are too short for one.
     """
 
     condition: str
     episodes: Mapping[str, float]
     timesteps: Mapping[str, float]
+    unused: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

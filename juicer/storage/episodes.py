@@ -48,19 +48,22 @@ _RECORDS = pa.schema(
 Array = NDArray[Any]
 
 
-def write_episodes(folder: Path, episodes: Iterable[Episode], attributes: Mapping[str, Any]) -> int:
+def write_episodes(
+    folder: Path, episodes: Iterable[Episode], attributes: Mapping[str, Any], *, may_be_empty: bool = False
+) -> int:
     """Write episodes one at a time; memory holds a few chunks, however many episodes there are.
 
     Args:
         folder: Existing folder that gets ``episodes.zarr`` and ``episodes.parquet``.
         episodes: In the order in which they get their indices.
         attributes: JSON facts stored with the Zarr group.
+        may_be_empty: Whether no episode at all is worth keeping too: as the result of a long search.
 
     Returns:
         Number of episodes written.
 
     Raises:
-        NothingLeft: If there is no episode.
+        NothingLeft: If there is no episode, unless there may be none.
         InvalidEpisode: If an episode's arrays differ in shape from those of the first.
     """
     group = zarr.open_group(folder / "episodes.zarr", mode="w-", zarr_format=3)
@@ -74,12 +77,12 @@ def write_episodes(folder: Path, episodes: Iterable[Episode], attributes: Mappin
                 appenders[path] = _Appender(group, path, values.shape[1:])
             appenders[path].append(values)
         rows.append({"episode": index, "length": len(episode), **asdict(episode.record)})
-    if not rows:
+    if not rows and not may_be_empty:
         raise NothingLeft("there is no episode to store")
     for appender in appenders.values():
         appender.flush()
     ends = np.cumsum([row["length"] for row in rows], dtype=np.int64)
-    group.create_array("meta/episode_ends", data=ends, chunks=ends.shape)
+    group.create_array("meta/episode_ends", data=ends, chunks=(max(1, len(ends)),))
     group.attrs.update({**attributes, "schema_version": SCHEMA_VERSION})
     write_table(folder / "episodes.parquet", _RECORDS, rows)
     return len(rows)
@@ -146,7 +149,13 @@ class EpisodeReader:
         )
 
     def steps(self, key: str) -> Array:
-        """All steps of all episodes, ``(sum of lengths, ...)``; ``key`` is one of ``STEP_DTYPES``."""
+        """All steps of all episodes, ``(sum of lengths, ...)``; ``key`` is one of ``STEP_DTYPES``.
+
+        Raises:
+            NothingLeft: If there is no episode: nobody knows the shape of its steps.
+        """
+        if not len(self):
+            raise NothingLeft(f"the episodes in '{self._folder}' are none")
         return np.asarray(self._array(f"data/{key}")[:])
 
     def _array(self, path: str) -> Any:

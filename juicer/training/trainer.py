@@ -14,7 +14,7 @@ from torch import Tensor
 from juicer.errors import ConfigError, TrainingFailed
 from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetadata
 from juicer.policy.compute import compute_settings, usable_device
-from juicer.policy.config import PolicyConfig
+from juicer.policy.config import HorizonConfig, PolicyConfig
 from juicer.policy.network import PolicyNetwork, build_policy
 from juicer.policy.tasks import Tasks
 from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progress
@@ -23,8 +23,9 @@ from juicer.training.config import OriginalStateNoise, TrainingConfig
 from juicer.training.learner import Learner, learning_rate, torch_seed
 from juicer.training.state import TrainingState, load_state, save_state, training_identity
 from juicer.training.table import BatchOrder, WindowTable
+from juicer.training.use import SourceUse, check_use, measure_use, notable_losses
 from juicer.training.validation import validate
-from juicer.training.windows import TrainingEpisodes, concatenate, cut_windows, split_episodes
+from juicer.training.windows import TrainingEpisodes, Windows, concatenate, cut_windows, split_episodes
 
 
 @dataclass(frozen=True)
@@ -34,10 +35,14 @@ class TrainedCheckpoint:
     Attributes:
         checkpoint: Weights and configuration.
         facts: Worth knowing: device and precision, size of network and data, last losses and validation.
+        use: What its windows reach of the episodes of every source.
+        losses: A sentence for every source of which a notable share went unused.
     """
 
     checkpoint: Checkpoint
     facts: Mapping[str, float | str]
+    use: Mapping[str, SourceUse]
+    losses: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -76,19 +81,18 @@ def train(
 
     Raises:
         ConfigError: If settings contradict each other, or there is no such device.
-        TrainingFailed: If there is too little data, or the loss is no longer a number.
+        TrainingFailed: If there is too little data, or windows leave out most of it, or the loss is no longer a number.
     """
     torch_device = usable_device(device)
-    if isinstance(config.state_noise, OriginalStateNoise) and policy.action_frame != "absolute":
-        raise ConfigError(
-            "state_noise 'original' perturbs normalised numbers, from which no pose for relative actions can be "
-            "taken; use state_noise 'physical' or action_frame 'absolute'"
-        )
+    _check_noise(policy, config)
     episodes = concatenate(sources)
+    learned, held_out = cut_sides(episodes, policy.horizons, config, seed)
+    use = measure_use(episodes, learned, held_out)
+    check_use(use, policy.horizons, config.windows.back_padding)
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
         network = build_policy(policy, tasks, torch_seed(seed, "weights")).to(torch_device)
-        tables = build_tables(episodes, network, config, seed, torch_device)
+        tables = build_tables(episodes, (learned, held_out), network, config, seed, torch_device)
         learner = Learner(network, config, seed, torch_device)
         loop = _Loop(learner, tables, config, seed, metrics or NullMetricSink())
         identity = training_identity(episodes, _settings(policy, tasks, config, seed))
@@ -102,23 +106,48 @@ def train(
     )
     ema = None if learner.ema is None else _on_cpu(learner.ema)
     machine = {"device": torch_device.type, "precision": learner.precision}
-    return TrainedCheckpoint(Checkpoint(metadata, _on_cpu(network), ema), {**machine, **facts})
+    return TrainedCheckpoint(
+        checkpoint=Checkpoint(metadata, _on_cpu(network), ema),
+        facts={**machine, **facts},
+        use=use,
+        losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
+    )
+
+
+def cut_sides(
+    episodes: TrainingEpisodes, horizons: HorizonConfig, config: TrainingConfig, seed: int
+) -> tuple[Windows, Windows]:
+    """Windows to learn from, and those of the held-out episodes.
+
+    Raises:
+        TrainingFailed: If a validation set is wanted but there is only one family of episodes.
+    """
+    learned, held_out = split_episodes(episodes.families, config.validation_fraction, stream(seed, "split"))
+    padding = config.windows.back_padding
+    return (
+        cut_windows(episodes.episode_ends, learned, horizons, padding),
+        cut_windows(episodes.episode_ends, held_out, horizons, padding),
+    )
 
 
 def build_tables(
-    episodes: TrainingEpisodes, network: PolicyNetwork, config: TrainingConfig, seed: int, device: torch.device
+    episodes: TrainingEpisodes,
+    sides: tuple[Windows, Windows],
+    network: PolicyNetwork,
+    config: TrainingConfig,
+    seed: int,
+    device: torch.device,
 ) -> TrainingTables:
-    """Split the episodes, cut their windows, and fit the network's normalisers to those it learns from.
+    """Make the windows of both sides of the split ready, and fit the network's normalisers to those it learns from.
 
     Raises:
         TrainingFailed: If a side of the split has no window.
     """
-    sides = split_episodes(episodes.families, config.validation_fraction, stream(seed, "split"))
-    tables = []
-    for side in sides:
-        windows = cut_windows(episodes.episode_ends, side, network.config.horizons, config.windows.back_padding)
-        if len(side):
-            tables.append(WindowTable(episodes, windows, network, config.windows.learn_padding, device))
+    tables = [
+        WindowTable(episodes, windows, network, config.windows.learn_padding, device)
+        for windows in sides
+        if len(windows.episodes)
+    ]
     torch.manual_seed(torch_seed(seed, "limits"))
     tables[0].fit(config.state_noise)
     for table in tables:
@@ -191,6 +220,14 @@ class _Loop:
     def _record(self, metrics: Mapping[str, float], step: int) -> None:
         self._metrics.log(metrics, step)
         self._facts |= metrics
+
+
+def _check_noise(policy: PolicyConfig, config: TrainingConfig) -> None:
+    if isinstance(config.state_noise, OriginalStateNoise) and policy.action_frame != "absolute":
+        raise ConfigError(
+            "state_noise 'original' perturbs normalised numbers, from which no pose for relative actions can be "
+            "taken; use state_noise 'physical' or action_frame 'absolute'"
+        )
 
 
 def _settings(policy: PolicyConfig, tasks: Tasks, config: TrainingConfig, seed: int) -> dict[str, object]:

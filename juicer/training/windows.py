@@ -15,7 +15,7 @@ from juicer.policy.config import HorizonConfig
 
 @dataclass(frozen=True)
 class TrainingEpisodes:
-    """Episodes of one source, one after another in time-major arrays.
+    """Episodes, one after another in time-major arrays.
 
     Attributes:
         observations: Arrays ``(S, D)`` by name.
@@ -23,12 +23,14 @@ class TrainingEpisodes:
         episode_ends: ``(N,)`` index one past the last step of each episode.
         families: ``(N,)`` a label for each episode; those with the same label stay on the same side of the
             split. A snippet grown from a demonstration belongs to the demonstration's family.
+        sources: ``(N,)`` where each episode comes from, e.g. ``teleop``; only to tell what became of them.
     """
 
     observations: Mapping[str, NDArray[np.float32]]
     actions: NDArray[np.float32]
     episode_ends: NDArray[np.int64]
     families: Sequence[str]
+    sources: Sequence[str]
 
     def __post_init__(self) -> None:
         """Check that the arrays agree in length."""
@@ -36,28 +38,28 @@ class TrainingEpisodes:
         lengths = {name: len(values) for name, values in {**self.observations, "action": self.actions}.items()}
         if set(lengths.values()) != {num_steps}:
             raise TrainingFailed(f"episodes end at step {num_steps}, but their arrays have lengths {lengths}")
-        if len(self.families) != len(self.episode_ends):
-            raise TrainingFailed(f"{len(self.episode_ends)} episodes need a family each, got {len(self.families)}")
+        for thing, labels in {"family": self.families, "source": self.sources}.items():
+            if len(labels) != len(self.episode_ends):
+                raise TrainingFailed(f"{len(self.episode_ends)} episodes need a {thing} each, got {len(labels)}")
 
 
-def concatenate(sources: Sequence[TrainingEpisodes]) -> TrainingEpisodes:
-    """All episodes as if they were of one source.
+def concatenate(parts: Sequence[TrainingEpisodes]) -> TrainingEpisodes:
+    """All episodes of several arrays in one.
 
     Raises:
         TrainingFailed: If there is none.
     """
-    if not sources or not sum(len(source.episode_ends) for source in sources):
+    if not sum(len(part.episode_ends) for part in parts):
         raise TrainingFailed("there are no episodes to train on")
-    starts = np.cumsum([0, *(len(source.actions) for source in sources)])
+    starts = np.cumsum([0, *(len(part.actions) for part in parts)])
     return TrainingEpisodes(
         observations={
-            name: np.concatenate([source.observations[name] for source in sources]) for name in sources[0].observations
+            name: np.concatenate([part.observations[name] for part in parts]) for name in parts[0].observations
         },
-        actions=np.concatenate([source.actions for source in sources]),
-        episode_ends=np.concatenate(
-            [source.episode_ends + start for source, start in zip(sources, starts, strict=False)]
-        ),
-        families=[family for source in sources for family in source.families],
+        actions=np.concatenate([part.actions for part in parts]),
+        episode_ends=np.concatenate([part.episode_ends + start for part, start in zip(parts, starts, strict=False)]),
+        families=[family for part in parts for family in part.families],
+        sources=[source for part in parts for source in part.sources],
     )
 
 
@@ -88,11 +90,13 @@ class Windows:
     """Windows as indices into time-major arrays.
 
     Attributes:
+        episodes: ``(E,)`` episodes that they were cut from, those too short for a window included.
         obs_steps: ``(W, T_o)`` observed steps, the last of which is the current one.
         action_steps: ``(W, T_p)`` steps whose actions are predicted, from the first observed step on.
         is_recorded: ``(W, T_p)`` False where the first or last action is repeated beyond its episode.
     """
 
+    episodes: NDArray[np.int64]
     obs_steps: NDArray[np.int64]
     action_steps: NDArray[np.int64]
     is_recorded: NDArray[np.bool_]
@@ -124,4 +128,6 @@ def cut_windows(
     first_step, low_step, high_step = (np.concatenate([[], *parts]).astype(np.int64) for parts in (firsts, lows, highs))
     steps = first_step[:, None] + np.arange(horizons.pred)
     inside = np.clip(steps, low_step[:, None], high_step[:, None])
-    return Windows(obs_steps=inside[:, : horizons.obs], action_steps=inside, is_recorded=steps == inside)
+    return Windows(
+        episodes=episodes, obs_steps=inside[:, : horizons.obs], action_steps=inside, is_recorded=steps == inside
+    )

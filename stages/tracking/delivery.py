@@ -31,7 +31,16 @@ BATCH = 1000
 LONGEST_VALUE = 500
 """Letters of a parameter that MLflow's interface can still show."""
 
-NESTED_FACTS = ("milestones", "outcomes", "episodes", "timesteps")
+NESTED_FACTS = (
+    "milestones",
+    "outcomes",
+    "episodes",
+    "timesteps",
+    "windows",
+    "validation_windows",
+    "unused_episodes",
+    "unused_timesteps",
+)
 """Tables within a summary that are shown number by number."""
 
 

@@ -50,23 +50,23 @@ def test_a_stage_that_never_ran_is_explained_as_such(store: ArtifactStore, recip
     [
         (
             {"inputs": {"episodes": (FIRST, SECOND)}},
-            Difference("inputs", "episodes", "changed", [str(FIRST)], [str(FIRST), str(SECOND)]),
-            f"input 'episodes' is {FIRST}, {SECOND}, it was {FIRST}",
+            Difference("inputs", "episodes", "added", None, str(SECOND)),
+            f"input 'train.episodes' is new: {SECOND}",
         ),
         (
             {"config": {"steps": 20, "policy": {"width": 512, "name": "mlp"}, "extra": None}},
             Difference("config", "steps", "changed", 10, 20),
-            "config key 'steps' is 20, it was 10",
+            "config key 'train.steps' is 20, it was 10",
         ),
         (
             {"config": {"steps": 10, "policy": {"width": 512, "name": "unet"}, "extra": None}},
             Difference("config", "policy.name", "changed", "mlp", "unet"),
-            "config key 'policy.name' is unet, it was mlp",
+            "config key 'train.policy.name' is unet, it was mlp",
         ),
         (
             {"config": {"steps": 10, "policy": {"width": 512, "name": "mlp"}}},
             Difference("config", "extra", "removed", None, None),
-            "config key 'extra' is gone, it was null",
+            "config key 'train.extra' is gone, it was null",
         ),
         (
             {"code": "new", "modules": {"juicer.seeding": "1", "juicer.geometry": "2"}},
@@ -81,7 +81,7 @@ def test_a_stage_that_never_ran_is_explained_as_such(store: ArtifactStore, recip
         (
             {"code": "new", "modules": {}},
             Difference("code", "juicer.geometry", "removed", "1", None),
-            "code of 'juicer.geometry' is gone",
+            "code of 'juicer.geometry', 'juicer.seeding' is gone",
         ),
         (
             {"code": "new"},
@@ -91,7 +91,7 @@ def test_a_stage_that_never_ran_is_explained_as_such(store: ArtifactStore, recip
         (
             {"files": {"labels.csv": "bb"}},
             Difference("files", "labels.csv", "changed", "aa", "bb"),
-            "file 'labels.csv' changed",
+            "file 'train.labels.csv' changed",
         ),
         (
             {"libraries": {"torch": "2.14.0"}},
@@ -107,7 +107,7 @@ def test_a_miss_is_explained_by_what_differs(
     explanation = explain(store, replace(recipe, **change))
     assert explanation.nearest is not None
     assert explanation.nearest.ref == ref
-    assert difference in explanation.differences
+    assert difference in [cause.difference for cause in explanation.causes]
     assert sentence in explanation.sentences
     assert f"the nearest is {ref}" in explanation.sentences[0]
 
@@ -122,4 +122,74 @@ def test_the_nearest_has_the_fewest_differences_and_among_equals_is_the_newest(
     explanation = explain(store, replace(recipe, config={"steps": 0, "rate": 2}))
     assert explanation.nearest is not None
     assert explanation.nearest.ref == newest
-    assert len(explanation.differences) == 1
+    assert len(explanation.causes) == 1
+
+
+def chain(demonstrations: int = 50, steps: int = 10, code: str = "old") -> list[Recipe]:
+    """Recipes of record, ingest, train and evaluate, each made from the one before it."""
+    modules = {"juicer.sim": code}
+    recorded = Recipe("record", "logs", config={"demonstrations": demonstrations}, code=code, modules=modules)
+    ingested = Recipe("ingest", "episodes", inputs={"logs": (recorded.ref,)})
+    trained = Recipe("train", "checkpoint", inputs={"episodes": (ingested.ref,)}, config={"steps": steps})
+    evaluated = Recipe("evaluate", "evaluation", inputs={"checkpoint": (trained.ref,)}, code=code, modules=modules)
+    return [recorded, ingested, trained, evaluated]
+
+
+def test_a_changed_key_far_upstream_is_named_once_with_what_follows(store: ArtifactStore, make: Make) -> None:
+    for recipe in chain():
+        make(store, recipe)
+    planned = chain(demonstrations=40)
+    explanation = explain(store, planned[-1], planned)
+    assert explanation.reasons == [
+        "config key 'record.demonstrations' is 40, it was 50, so ingest, train and evaluate are computed again"
+    ]
+
+
+def test_changed_code_is_named_by_module_with_every_stage_that_it_concerns(store: ArtifactStore, make: Make) -> None:
+    for recipe in chain():
+        make(store, recipe)
+    planned = chain(code="new", steps=20)
+    assert explain(store, planned[-1], planned).reasons == [
+        "config key 'train.steps' is 20, it was 10, so evaluate is computed again",
+        "code of 'juicer.sim' changed, so record, ingest, train and evaluate are computed again",
+    ]
+    assert explain(store, planned[0], planned).reasons == ["code of 'juicer.sim' changed"]
+
+
+def test_an_artifact_of_another_lineage_is_not_the_nearest_however_few_the_differences(
+    store: ArtifactStore, make: Make
+) -> None:
+    *plain, plain_evaluation = chain()
+    for recipe in (*plain, plain_evaluation):
+        make(store, recipe)
+    selected = Recipe("select", "selection", inputs={"episodes": (plain[1].ref,)})
+    retrained = replace(plain[2], inputs={**plain[2].inputs, "selections": (selected.ref,)})
+    evaluated = replace(plain_evaluation, inputs={"checkpoint": (retrained.ref,)})
+    for recipe in (selected, retrained, evaluated):
+        make(store, recipe)
+    planned = chain(demonstrations=40, steps=20)
+    explanation = explain(store, planned[-1], planned)
+    assert explanation.nearest is not None
+    assert explanation.nearest.ref == plain_evaluation.ref
+    assert len(explanation.causes) == 2
+
+
+def test_an_ancestor_that_is_gone_is_told_as_it_is(store: ArtifactStore, make: Make) -> None:
+    *upstream, trained, evaluated = chain()
+    for recipe in (*upstream, trained, evaluated):
+        make(store, recipe)
+    store.set_aside(upstream[1].ref)
+    planned = chain(demonstrations=40)
+    (reason,) = explain(store, planned[-1], planned).reasons
+    assert reason == (
+        f"input 'train.episodes' is {planned[1].ref}, it was {upstream[1].ref}, so evaluate is computed again"
+    )
+
+
+def test_of_equal_candidates_that_of_the_same_task_is_the_nearest(store: ArtifactStore, make: Make) -> None:
+    recipe = Recipe("collect", "episodes", config={"task": "lamp", "first": 0, "a": 1, "b": 1, "c": 1})
+    own = make(store, recipe)
+    make(store, replace(recipe, config={**recipe.config, "task": "one_leg", "a": 2, "b": 2, "c": 2}))
+    explanation = explain(store, replace(recipe, config={**recipe.config, "a": 2, "b": 2, "c": 2}))
+    assert explanation.nearest is not None
+    assert explanation.nearest.ref == own

@@ -15,7 +15,6 @@ from juicer.augmentation.execute import reproduces
 from juicer.augmentation.summary import AugmentationSummary
 from juicer.augmentation.verify import RejectionReason
 from juicer.episode import Episode, Outcome
-from juicer.errors import NothingLeft
 from juicer.sim.env import AssemblyEnv
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.storage.tables import Annotation
@@ -110,24 +109,30 @@ def test_uncertain_proposals_and_failures_are_not_used(insertions: list[Episode]
     assert [reference.parent for reference in references] == ["0123/2"]
 
 
+def why_nothing(attempts: list[Snippet | Rejection], config: AugmentationConfig = CONFIG) -> str:
+    summary = AugmentationSummary(["insert leg"])
+    assert not list(summary.keep(attempts))
+    return summary.why_nothing(config)
+
+
 def test_without_a_critical_state_there_is_nothing_to_do(insertions: list[Episode]):
-    with pytest.raises(NothingLeft, match=r"lower min_confidence \(now 0.5\)"):
-        run(insertions, [critical(0, confidence=0.1)])
+    attempts = run(insertions, [critical(0, confidence=0.1)])
+    assert attempts == []
+    assert "lower augment.min_confidence (now 0.5)" in why_nothing(attempts)
 
 
 def test_if_every_attempt_fails_the_commonest_reason_is_told(insertions: list[Episode]):
     impossible = AugmentationConfig(
         num_snippets=2, max_attempts_per_snippet=2, tolerance=ToleranceConfig(position_m=1e-9)
     )
-    with pytest.raises(NothingLeft, match="none of 4 augmentation attempts succeeded; 4 ended with 'part_position'"):
-        run(insertions, config=impossible)
+    attempts = run(insertions, config=impossible)
+    assert "none of 4 attempts succeeded, 4 ended with 'part_position'" in why_nothing(attempts, impossible)
 
 
 def test_a_snippet_that_does_not_replay_is_rejected(insertions: list[Episode], monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(module, "reproduces", lambda env, episode: False)
     config = AugmentationConfig(num_snippets=1, max_attempts_per_snippet=2)
-    with pytest.raises(NothingLeft, match="not_reproduced"):
-        run(insertions, config=config)
+    assert "not_reproduced" in why_nothing(run(insertions, config=config), config)
 
 
 def test_progress_counts_snippets_and_attempts(insertions: list[Episode]):
@@ -153,4 +158,5 @@ def test_the_summary_tells_the_yield(attempts: list[Snippet | Rejection]):
     assert facts["yield"] == 3 / facts["attempts"]
     assert facts["steps"] == sum(map(len, episodes))
     assert sum(facts["start_sideways_mm"].values()) == 3
+    assert summary.why_nothing(CONFIG) == ""
     assert facts["by_critical_state"] == {"insert leg": {"attempts": facts["attempts"], "snippets": 3}}

@@ -248,6 +248,23 @@ def test_shell_completes_commands_and_choices(words, found, tmp_path):
     assert set(result.stdout.split()) == found
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["run", str(SMOKE)],
+        ["stage", "record", "-c", str(SMOKE)],
+        ["evaluate", "0123456789abcdef"],
+        ["repair", "0123456789abcdef"],
+        ["serve"],
+    ],
+    ids=lambda command: command[0],
+)
+def test_device_that_is_not_there_is_named_before_anything_starts(capsys, store, monkeypatch, command):
+    monkeypatch.setenv("JUICER_DEVICE", "cuda:99")
+    assert "there is no device 'cuda:99' here, " in complaint(capsys, *command)
+    assert not Path(store.url).exists()
+
+
 def test_missing_stage_is_explained(capsys, store):
     (entry,) = json_of(capsys, "explain", "train", "-c", str(SMOKE), "--condition", "bc")
     assert not entry["hit"]

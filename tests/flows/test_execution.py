@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import threading
+from collections import Counter
 
 import pytest
 
 from flows.conditions import Condition
 from flows.config import StudyConfig, load_runs
 from flows.execution import RunOutcome, execute, run_models
+from flows.plan import is_complete, plan
 from flows.tracked import Tracking
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Outcome
-from juicer.errors import NothingLeft, TrainingFailed
+from juicer.errors import TrainingFailed
 from juicer.storage.tables import EvaluationRow, write_evaluation
 from stages.evaluate import facts
 from stages.session import Session, StageInterrupted
@@ -22,17 +24,25 @@ from stages.tracking.journal import END, MADE, RESULT, journals
 STUDY = StudyConfig(name="study", conditions=(Condition.BC, Condition.CI), seeds=(0,))
 
 
-class Stub:
-    """Performs stage calls in thought, except where it was told otherwise."""
+NOTHING = "no successful rollout to retrain on: none of 4"
 
-    def __init__(self, store, errors=None):
-        self.store, self.errors, self.calls, self.lock = store, errors or {}, [], threading.Lock()
+
+class Stub:
+    """Performs stage calls in thought, except where it was told otherwise; stages that fail find nothing."""
+
+    def __init__(self, store, errors=None, failing=()):
+        self.store, self.errors, self.failing = store, errors or {}, failing
+        self.calls, self.lock = [], threading.Lock()
 
     def __call__(self, call, session):
         with self.lock:
             self.calls.append((call.stage.name, session.label))
         if error := self.errors.get((call.stage.name, session.label)) or self.errors.get(call.stage.name):
             raise error
+        if (call.stage.name, session.label) in self.failing or call.stage.name in self.failing:
+            with self.store.create(call.recipe) as draft:
+                if not draft.adopted:
+                    draft.summary |= {"kept": 0, "finding": NOTHING}
         if call.stage.name == "evaluate" and not self.store.find(call.recipe):
             rows = [EvaluationRow(index, 3_000_000 + index, Outcome.SUCCESS, 1, 9) for index in range(4)]
             with self.store.create(call.recipe) as draft:
@@ -50,7 +60,7 @@ def store(tmp_path):
 
 
 def test_no_success_to_retrain_on_is_a_finding_not_a_failure(store):
-    stub = Stub(store, {"select": NothingLeft("no successful rollout to retrain on: none of 4")})
+    stub = Stub(store, failing={"select"})
     outcome = RunOutcome(tuple(run_models(Session(store, perform=stub), STUDY)), None)
     bc, ci = outcome.models
     assert (ci.checkpoint, ci.evaluation) == (bc.checkpoint, bc.evaluation)
@@ -58,9 +68,40 @@ def test_no_success_to_retrain_on_is_a_finding_not_a_failure(store):
     assert [row.condition for row in outcome.results(store)] == ["BC", "CI"]
 
 
+def test_no_corrective_episode_is_a_finding_and_the_model_learns_from_the_rest(store):
+    study = STUDY.model_copy(update={"conditions": (Condition.BC, Condition.TA)})
+    outcome = RunOutcome(tuple(run_models(Session(store, perform=Stub(store, failing={"augment"})), study)), None)
+    bc, ta = outcome.models
+    assert ta.checkpoint == bc.checkpoint
+    assert outcome.findings == (f"TA, seed 0: {NOTHING}",)
+
+
+def test_data_that_no_window_reaches_is_a_finding(store):
+    stub = Stub(store, failing={("train", "bc seed 0")})
+    outcome = RunOutcome(tuple(run_models(Session(store, perform=stub), STUDY, parallel=False)), None)
+    assert outcome.findings == (f"BC, seed 0: {NOTHING}",)
+
+
+def test_a_run_that_ends_with_a_finding_is_complete(store):
+    execute(Session(store, perform=Stub(store, failing={"select"})), STUDY, None)
+
+    def make(call, session):
+        """What the stub has made in thought, in the store."""
+        if store.find(call.recipe) is None:
+            with store.create(call.recipe):
+                pass
+        return call.recipe.ref
+
+    assert not is_complete(store, STUDY)
+    execute(Session(store, perform=make), STUDY, None)
+    assert is_complete(store, STUDY)
+    stages = Counter(entry.stage for entry in plan(store, STUDY))
+    assert (stages["train"], stages["select"], stages["report"]) == (1, 1, 1)
+
+
 def test_seeds_without_a_success_to_retrain_on_count_in_the_average(store):
     study = STUDY.model_copy(update={"seeds": (0, 1)})
-    stub = Stub(store, {("select", "ci seed 1 round 1"): NothingLeft("no successful rollout to retrain on: none of 4")})
+    stub = Stub(store, failing={("select", "ci seed 1 round 1")})
     outcome = execute(Session(store, perform=stub), study, None)
     assert [(row.condition, row.num_models) for row in outcome.results(store)] == [("BC", 2), ("CI", 2)]
 
@@ -122,7 +163,7 @@ def test_a_model_for_several_tasks_does_without_the_successes_of_one(store, tmp_
     path = tmp_path / "tasks.yaml"
     path.write_text("flow: study\nconditions: [multitask]\nseeds: [0]\ntasks: [one_leg, lamp]\n")
     study, _ = load_runs(path)
-    stub = Stub(store, {"select": NothingLeft("no successful rollout to retrain on: none of 4")})
+    stub = Stub(store, failing={"select"})
     (model,) = run_models(Session(store, perform=stub), study)
     assert model.evaluation is not None
     assert "none of 4" in model.finding

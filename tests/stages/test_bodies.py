@@ -11,16 +11,18 @@ import pytest
 
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
+from juicer.augmentation.config import ToleranceConfig
 from juicer.critical_states import AnnotationConfig
-from juicer.errors import InvalidCheckpoint, NothingLeft, WrongArtifactKind
+from juicer.errors import InvalidCheckpoint, NothingLeft, TrainingFailed, WrongArtifactKind
 from juicer.ingestion import IngestionConfig
 from juicer.policy.checkpoint import load_policy
+from juicer.policy.config import HorizonConfig
 from juicer.rollout import rollout
 from juicer.storage.curves import read_curves
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.storage.tables import read_annotations, read_evaluation, read_selection
 from juicer.teleoperation.log import write_log
-from juicer.training.config import TrainingConfig
+from juicer.training.config import TrainingConfig, WindowConfig
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import CollectConfig, collect
@@ -184,9 +186,78 @@ def test_rollouts_are_kept_whatever_their_outcome(loop):
     assert EpisodeReader(loop.store.open(loop.rollouts)).records[0].policy == loop.checkpoint.id
 
 
-def test_no_successful_rollout_is_said_in_one_sentence(loop):
-    with pytest.raises(NothingLeft, match="no successful rollout to retrain on: none of 2"):
-        select(loop.session, episodes=loop.rollouts, config=SelectConfig())
+def test_that_no_rollout_succeeded_is_an_artifact_with_a_reason(loop):
+    selection = select(loop.session, episodes=loop.rollouts, config=SelectConfig())
+    facts = summary(loop, selection)
+    assert facts["kept"] == 0
+    assert facts["finding"].startswith("no successful rollout to retrain on: none of 2")
+    assert [row.reason for row in read_selection(loop.store.open(selection))] == ["timeout", "timeout"]
+    with pytest.raises(NothingLeft, match="holds nothing to learn from"):
+        train(loop.session, episodes=(loop.demonstrations,), selections=(selection,), config=TRAIN)
+
+
+def test_an_operator_who_always_fails_is_not_asked_again(loop, monkeypatch):
+    monkeypatch.setattr("stages.record.record_demonstrations", write_a_failure)
+    logs = record(loop.session, config=RecordConfig(**SCENE, demonstrations=1, max_recordings=1, seed=1))
+    assert summary(loop, logs)["finding"] == "the scripted operator failed in all of 1 recordings"
+    monkeypatch.undo()
+    assert record(loop.session, config=RecordConfig(**SCENE, demonstrations=1, max_recordings=1, seed=1)) == logs
+    with pytest.raises(NothingLeft, match="no demonstration is left of 1 operator logs"):
+        ingest(loop.session, logs=logs, config=IngestionConfig())
+
+
+def write_a_failure(folder, *arguments, **settings):
+    (folder / "00000000.npz").write_bytes(b"a failure")
+    return 0
+
+
+def test_attempts_that_gave_no_snippet_are_not_made_again(loop):
+    impossible = AUGMENT.model_copy(
+        update={"max_attempts_per_snippet": 1, "tolerance": ToleranceConfig(position_m=1e-9)}
+    )
+    inputs = {"episodes": loop.demonstrations, "annotations": loop.annotations, "config": impossible}
+    corrective = augment(loop.session, **inputs)
+    facts = summary(loop, corrective)
+    assert (facts["snippets"], facts["attempts"]) == (0, 2)
+    assert "none of 2 attempts succeeded" in facts["finding"]
+    reader = EpisodeReader(loop.store.open(corrective))
+    assert (len(reader), reader.records) == (0, [])
+    before = loop.store.refs()
+    assert augment(loop.session, **inputs) == corrective
+    assert loop.store.refs() == before
+    with pytest.raises(NothingLeft, match="holds nothing to learn from"):
+        train(loop.session, episodes=(loop.demonstrations, corrective), config=TRAIN)
+
+
+def test_a_checkpoint_tells_how_much_of_its_data_windows_reach(loop):
+    facts = summary(loop, loop.checkpoint)
+    assert sum(facts["windows"].values()) == facts["num_windows"]
+    for source, timesteps in facts["timesteps"].items():
+        used = facts["windows"][source] + facts["validation_windows"][source]
+        assert used + facts["unused_timesteps"][source] == timesteps
+
+
+def test_a_training_that_most_snippets_are_too_short_for_names_the_settings_to_change(loop):
+    lengths = [len(episode) for episode in read_all(loop.store, loop.corrective)]
+    horizons = HorizonConfig(pred=max(lengths), action=4)
+    windows = WindowConfig(back_padding=0)
+    config = TRAIN.model_copy(
+        update={
+            "policy": TRAIN.policy.model_copy(update={"horizons": horizons}),
+            "training": TRAINING.model_copy(update={"windows": windows}),
+        }
+    )
+    refusal = (
+        rf"of {sum(lengths)} augmentation steps only \d+ begin a window, .*"
+        r"policy\.horizons\.pred.*training\.windows\.back_padding.*augment\.steps_after_gripper_change"
+    )
+    with pytest.raises(TrainingFailed, match=refusal):
+        train(loop.session, episodes=(loop.demonstrations, loop.corrective), config=config)
+
+
+def read_all(store, ref):
+    reader = EpisodeReader(store.open(ref))
+    return [reader.read(index) for index in range(len(reader))]
 
 
 def test_evaluation_has_a_row_an_episode_an_interval_and_examples(loop):

@@ -52,7 +52,9 @@ def training_config() -> TrainingConfig:
 def episodes() -> Callable[..., TrainingEpisodes]:
     """Makes episodes in which the gripper flies straight to the second part and closes there."""
 
-    def make(lengths: Sequence[int] = (30, 25, 40, 35, 20), seed: int = 0, family: str = "demo") -> TrainingEpisodes:
+    def make(
+        lengths: Sequence[int] = (30, 25, 40, 35, 20), seed: int = 0, family: str = "demo", source: str = "teleop"
+    ) -> TrainingEpisodes:
         rng = np.random.default_rng(seed)
         parts = [_fly_to_a_part(length, rng) for length in lengths]
         return TrainingEpisodes(
@@ -63,6 +65,7 @@ def episodes() -> Callable[..., TrainingEpisodes]:
             actions=np.concatenate([part[2] for part in parts]).astype(np.float32),
             episode_ends=np.cumsum(lengths),
             families=[f"{family}/{index}" for index in range(len(lengths))],
+            sources=[source] * len(lengths),
         )
 
     return make

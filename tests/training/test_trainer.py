@@ -97,7 +97,7 @@ def test_a_training_killed_by_the_system_resumes_bit_for_bit(episodes, tasks, po
         folder = pathlib.Path({str(tmp_path)!r})
         arrays = dict(np.load(folder / "data.npz"))
         ends, action = arrays.pop("ends"), arrays.pop("action")
-        data = TrainingEpisodes(arrays, action, ends, [f"demo/{{i}}" for i in range(len(ends))])
+        data = TrainingEpisodes(arrays, action, ends, [f"demo/{{i}}" for i in range(len(ends))], ["teleop"] * len(ends))
 
         def die(done, total, **facts):
             if done == 20:

@@ -105,4 +105,4 @@ def test_no_episodes_are_refused():
 def test_arrays_of_different_lengths_are_refused(episodes):
     good = episodes()
     with pytest.raises(TrainingFailed, match="have lengths"):
-        TrainingEpisodes(good.observations, good.actions[:-1], good.episode_ends, good.families)
+        TrainingEpisodes(good.observations, good.actions[:-1], good.episode_ends, good.families, good.sources)

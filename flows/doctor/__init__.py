@@ -1,0 +1,1 @@
+"""What ``juicer doctor`` looks at on a machine, one module a kind of thing."""

@@ -1,0 +1,111 @@
+"""The machine itself: processors, memory, disks, temporary files, the clock."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from flows.doctor.verdict import Verdict, ok, problem, warning
+from flows.settings import Settings
+
+LEAST_MEMORY, MEMORY_A_STAGE = 1.0e9, 0.8e9
+"""Bytes of Prefect's server with the command, and of a stage with torch and MuJoCo."""
+FULL_BYTES, TIGHT_BYTES = 0.5e9, 5e9
+LONGEST_SOCKET_FOLDER = 60
+"""Letters of a folder in which multiprocessing can make its sockets, whose paths may have 107."""
+OLDEST_YEAR = 2026
+
+_CGROUP = Path("/sys/fs/cgroup")
+
+
+def check_cores(settings: Settings) -> Iterator[Verdict]:
+    """Processors against the stages that run at a time."""
+    cores = usable_cores()
+    found = f"{cores:g} processor{'s' if cores != 1 else ''}, JUICER_WORKERS is {settings.workers}"
+    if settings.workers > max(1.0, cores) and not settings.spread:
+        yield warning(found, f"set JUICER_WORKERS={max(1, int(cores))}: more stages at a time slow each other down")
+    else:
+        yield ok(found)
+
+
+def usable_cores() -> float:
+    """Processors that this process may use, a container's limit included."""
+    cores = float(len(os.sched_getaffinity(0)))
+    quota, _, period = _read(_CGROUP / "cpu.max").partition(" ")
+    return min(cores, int(quota) / int(period)) if quota.isdigit() else cores
+
+
+def check_memory(settings: Settings) -> Iterator[Verdict]:
+    """Free memory against what the stages that run at a time may need."""
+    free = available_memory()
+    needed = LEAST_MEMORY + MEMORY_A_STAGE * settings.workers
+    found = f"{free / 1e9:.1f} GB of memory are free"
+    if free < needed:
+        yield warning(
+            f"{found}, {settings.workers} stages at a time may need {needed / 1e9:.1f}",
+            "close other programs, or lower JUICER_WORKERS and JUICER_NUM_ENVS",
+        )
+    else:
+        yield ok(found)
+
+
+def available_memory() -> float:
+    """Bytes that can be had without swapping, a container's limit included."""
+    lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
+    free = 1024.0 * int(lines["MemAvailable"].split()[0])
+    limit, used = _read(_CGROUP / "memory.max"), _read(_CGROUP / "memory.current")
+    return min(free, int(limit) - int(used)) if limit.isdigit() and used.isdigit() else free
+
+
+def check_disk(settings: Settings) -> Iterator[Verdict]:
+    """Free space where data and temporary files go."""
+    places = {"the data folder": settings.folder, "temporary files": Path(tempfile.gettempdir())}
+    for name, folder in places.items():
+        existing = next(each for each in (folder, *folder.parents) if each.exists())
+        free = shutil.disk_usage(existing).free
+        found = f"{free / 1e9:.1f} GB are free for {name} ('{existing}')"
+        remedy = "free some space, or set JUICER_DATA" if name == "the data folder" else "free some, or set TMPDIR"
+        if free < FULL_BYTES:
+            yield problem(found, remedy)
+        elif free < TIGHT_BYTES:
+            yield warning(found, remedy)
+        else:
+            yield ok(found)
+
+
+def check_temporary_files(settings: Settings) -> Iterator[Verdict]:
+    """Whether temporary files and sockets can be made where they belong."""
+    wanted = os.environ.get("TMPDIR", "")
+    folder = tempfile.gettempdir()
+    if wanted and Path(wanted).absolute() != Path(folder).absolute():
+        yield warning(f"TMPDIR is '{wanted}', which cannot be used; '{folder}' is", "make that folder, or unset TMPDIR")
+    with tempfile.TemporaryFile(dir=folder) as file:
+        file.write(b"juicer")
+    if len(os.fsencode(folder)) > LONGEST_SOCKET_FOLDER:
+        yield warning(
+            f"the path of the folder for temporary files, '{folder}', is too long for sockets",
+            f"set TMPDIR to one of at most {LONGEST_SOCKET_FOLDER} letters if stages do not start",
+        )
+    else:
+        yield ok(f"temporary files go to '{folder}'")
+
+
+def check_clock(settings: Settings) -> Iterator[Verdict]:
+    """Whether the time can be right: artifacts and records are put in order by it."""
+    now = time.localtime()
+    shown = time.strftime("%Y-%m-%d %H:%M:%S %Z", now)
+    if now.tm_year < OLDEST_YEAR:
+        yield problem(f"the clock says {shown}", "set the clock; certificates and the order of artifacts depend on it")
+    else:
+        yield ok(f"the clock says {shown}")
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text().strip()
+    except OSError:
+        return ""

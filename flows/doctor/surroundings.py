@@ -1,0 +1,129 @@
+"""What surrounds a run: environment variables, proxies, Prefect, MLflow, ports."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import socket
+import sqlite3
+import urllib.request
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+from flows.doctor.verdict import Verdict, ok, problem, warning
+from flows.settings import PREFIX, Settings
+from juicer.errors import did_you_mean
+
+LOOPBACK = "127.0.0.1"
+CONNECT_SECONDS = 3.0
+PORTS = {"Prefect": 4200, "MLflow": 5000}
+PREFECT_ADDRESS = "PREFECT_API_URL"
+
+
+def check_variables(settings: Settings) -> Iterator[Verdict]:
+    """Variables of juicer's own name that nobody reads."""
+    known = {PREFIX + name.upper() for name in Settings.model_fields}
+    named = sorted(name for name in os.environ if name.startswith(PREFIX))
+    unknown = [name for name in named if name not in known]
+    for name in unknown:
+        yield problem(f"environment variable {name} is not known{did_you_mean(name, known)}", f"unset {name}")
+    if not unknown:
+        yield ok(", ".join(named) if named else "no variable of juicer's is set; its defaults hold")
+
+
+def check_proxies(settings: Settings) -> Iterator[Verdict]:
+    """Whether a proxy would be asked for this machine's own servers."""
+    proxies = {scheme: url for scheme, url in urllib.request.getproxies().items() if scheme != "no"}
+    if not proxies:
+        yield ok("no proxy is set")
+        return
+    told = ", ".join(f"{scheme} by {_without_password(url)}" for scheme, url in sorted(proxies.items()))
+    if any(url.lower().startswith("socks") for url in proxies.values()) and not importlib.util.find_spec("socksio"):
+        yield warning(f"a SOCKS proxy is set ({told}) and the library for it is missing", "pip install socksio")
+    elif urllib.request.proxy_bypass(LOOPBACK):
+        yield ok(f"proxies are set ({told}), and this machine's own servers are reached without them")
+    else:
+        yield problem(
+            f"proxies are set ({told}), for this machine's own servers too",
+            f"set NO_PROXY={LOOPBACK},localhost and no_proxy to the same",
+        )
+
+
+def check_prefect(settings: Settings) -> Iterator[Verdict]:
+    """Whether the Prefect server that the environment names answers."""
+    url = os.environ.get(PREFECT_ADDRESS, "")
+    if not url:
+        remedy = f"set {PREFECT_ADDRESS}, or unset {PREFIX}SPREAD"
+        if settings.spread:
+            yield problem("stages are to run on other machines, and no Prefect server is named", remedy)
+        else:
+            yield ok("no Prefect server is named: a run uses that of `juicer ui`, or starts one for its own length")
+        return
+    if reason := _refusal(url):
+        yield problem(f"the Prefect server at '{url}' {reason}", f"start it, or unset {PREFECT_ADDRESS}")
+    else:
+        yield ok(f"the Prefect server at '{url}' takes connections")
+
+
+def check_ports(settings: Settings) -> Iterator[Verdict]:
+    """Whether the usual ports of ``juicer ui`` are free."""
+    for name, port in PORTS.items():
+        with socket.socket() as probe:
+            probe.settimeout(CONNECT_SECONDS)
+            in_use = probe.connect_ex((LOOPBACK, port)) == 0
+        told = "in use: by a server of yours, or `juicer ui` takes another" if in_use else "free"
+        yield ok(f"port {port}, {name}'s usual one, is {told}")
+
+
+def check_tracking(settings: Settings) -> Iterator[Verdict]:
+    """Whether the place that records go to can be used."""
+    uri = settings.tracking_uri or f"sqlite:///{settings.folder / 'mlflow.db'}"
+    scheme = urlsplit(uri).scheme
+    if not settings.tracks:
+        yield ok("nothing is recorded in MLflow, as JUICER_TRACKING_URI says")
+    elif scheme in ("http", "https"):
+        if reason := _refusal(uri):
+            yield warning(
+                f"the MLflow server at '{uri}' {reason}", "start it; until then records wait in the data folder"
+            )
+        else:
+            yield ok(f"the MLflow server at '{uri}' takes connections")
+    elif scheme == "sqlite":
+        yield _database(Path(unquote(uri.removeprefix("sqlite:///"))))
+    else:
+        yield ok(f"records go to '{_without_password(uri)}', which was not tried")
+
+
+def _database(path: Path) -> Verdict:
+    if not path.exists():
+        return ok(f"records will go to '{path}', which the first run makes")
+    try:
+        with closing(
+            sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=CONNECT_SECONDS)
+        ) as tables:
+            (count,) = tables.execute("select count(*) from runs").fetchone()
+    except sqlite3.Error as error:
+        return problem(f"MLflow's database '{path}' cannot be read: {error}", "move it aside; a new one is made")
+    return ok(f"records go to '{path}', which holds {count} runs")
+
+
+def _refusal(url: str) -> str:
+    """Why nobody answers for an address, as the end of a sentence; empty if somebody does."""
+    try:
+        parts = urlsplit(url)
+        port = parts.port or (443 if parts.scheme == "https" else 80)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            return "is no address; write it as http://HOST:PORT/api"
+        socket.create_connection((parts.hostname, port), timeout=CONNECT_SECONDS).close()
+    except ValueError as error:
+        return f"is no address ({error})"
+    except OSError as error:
+        return f"does not answer ({error.strerror or error})"
+    return ""
+
+
+def _without_password(url: str) -> str:
+    scheme, separator, rest = url.rpartition("://")
+    return f"{scheme}{separator}{rest.rpartition('@')[2]}"
