@@ -203,7 +203,7 @@ def test_an_operator_who_always_fails_is_not_asked_again(loop, monkeypatch):
     monkeypatch.undo()
     assert record(loop.session, config=RecordConfig(**SCENE, demonstrations=1, max_recordings=1, seed=1)) == logs
     with pytest.raises(NothingLeft, match="no demonstration is left of 1 operator logs"):
-        ingest(loop.session, logs=logs, config=IngestionConfig())
+        ingest(loop.session, logs=logs, config=INGEST)
 
 
 def write_a_failure(folder, *arguments, **settings):
