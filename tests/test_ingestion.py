@@ -17,8 +17,8 @@ from juicer.errors import ConfigError, RejectedLog
 from juicer.ingestion import Demonstration, Ingestion, IngestionConfig, Rejection, ingest, steps_to_keep
 from juicer.teleoperation.log import OperatorLog, write_log
 
-CONFIG = IngestionConfig()
-AT_ONCE = IngestionConfig(kept_after_toggle=0)
+CONFIG = IngestionConfig(task="one_leg")
+AT_ONCE = IngestionConfig(task="one_leg", kept_after_toggle=0)
 LogFactory = Callable[..., OperatorLog]
 
 

@@ -42,7 +42,7 @@ POLICY = {
 TRAINING = TrainingConfig(
     steps=6, batch_size=16, warmup_steps=2, validation_fraction=0.5, validate_every=3, report_every=2, save_every=2
 )
-INGEST = IngestionConfig()
+INGEST = IngestionConfig(task="one_leg")
 TRAIN = TrainConfig(policy=POLICY, training=TRAINING)
 AUGMENT = AugmentConfig(num_snippets=2)
 COLLECT = CollectConfig(successes=1, max_episodes=2, max_steps=12)
@@ -223,7 +223,7 @@ def test_recorded_logs_become_demonstrations(loop):
     logs = record(loop.session, config=RecordConfig(demonstrations=1))
     facts = summary(loop, logs)
     assert facts["successes"] == 1
-    demonstrations = ingest(loop.session, logs=logs, config=IngestionConfig())
+    demonstrations = ingest(loop.session, logs=logs, config=IngestionConfig(task="one_leg"))
     (episode,) = EpisodeReader(loop.store.open(demonstrations)).records
     assert episode.device == facts["device"]
 

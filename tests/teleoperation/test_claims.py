@@ -133,7 +133,7 @@ def test_a_forged_recording_is_rejected(
     recording: OperatorLog, forge: Callable[[OperatorLog], OperatorLog], reason: str
 ):
     with pytest.raises(RejectedLog, match=reason):
-        Ingestion(IngestionConfig()).ingest_log(forge(recording))
+        Ingestion(IngestionConfig(task="one_leg")).ingest_log(forge(recording))
 
 
 def test_success_is_measured_on_the_parts_and_not_on_what_the_state_says_of_itself(recording: OperatorLog):

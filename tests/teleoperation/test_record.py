@@ -66,7 +66,7 @@ def test_the_top_is_pushed_to_one_side_of_the_fence_after_the_other(log: Operato
 
 
 def test_the_recording_passes_ingestion_without_its_idle_steps(log: OperatorLog):
-    episode = Ingestion(IngestionConfig()).ingest_log(log).episode
+    episode = Ingestion(IngestionConfig(task="one_leg")).ingest_log(log).episode
     assert len(episode) == len(log) - np.count_nonzero(log.idle)
     assert episode.steps["reward"].sum() == 1.0
 

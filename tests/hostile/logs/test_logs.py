@@ -54,7 +54,7 @@ def odd_files(folder: Path) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def ingestion() -> Ingestion:
-    return Ingestion(IngestionConfig())
+    return Ingestion(IngestionConfig(task="one_leg"))
 
 
 def check_sentence(sentence: str) -> None:
@@ -85,7 +85,7 @@ def test_flipped_bytes_are_noticed_or_change_nothing(packed: bytes, recording: O
         content[position] ^= 1 << int(rng.integers(8))
     (tmp_path / "log.npz").write_bytes(content)
     try:
-        episode = Ingestion(IngestionConfig()).ingest(tmp_path / "log.npz", "log.npz").episode
+        episode = Ingestion(IngestionConfig(task="one_leg")).ingest(tmp_path / "log.npz", "log.npz").episode
     except RejectedLog as rejection:
         check_sentence(str(rejection))
     else:
@@ -95,7 +95,7 @@ def test_flipped_bytes_are_noticed_or_change_nothing(packed: bytes, recording: O
 
 def test_what_is_only_unusual_is_read(entries: Entries, recording: OperatorLog, tmp_path: Path, unusual_log: Forge):
     (tmp_path / "log.npz").write_bytes(unusual_log(entries))
-    demonstration = Ingestion(IngestionConfig()).ingest(tmp_path / "log.npz", "log.npz")
+    demonstration = Ingestion(IngestionConfig(task="one_leg")).ingest(tmp_path / "log.npz", "log.npz")
     kept = demonstration.kept
     np.testing.assert_array_equal(demonstration.episode.steps["sim_state"], recording.steps["sim_state"][kept])
     device = demonstration.episode.record.device or ""
@@ -107,10 +107,10 @@ BOUNDED = """
 import resource, sys
 from pathlib import Path
 from juicer.ingestion import IngestionConfig, Rejection, ingest
-list(ingest([], IngestionConfig()))
+list(ingest([], IngestionConfig(task="one_leg")))
 now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (now + 2**26, now + 2**26))
-for result in ingest(sorted(Path(sys.argv[1]).glob("*.npz")), IngestionConfig()):
+for result in ingest(sorted(Path(sys.argv[1]).glob("*.npz")), IngestionConfig(task="one_leg")):
     assert isinstance(result, Rejection), result
     print(result.source, result.reason)
 """
@@ -121,7 +121,7 @@ def test_bombs_take_no_memory(bombs_only: Mapping[str, Forge], entries: Entries,
     folder.mkdir()
     for number, forge in enumerate(bombs_only.values()):
         (folder / f"{number}.npz").write_bytes(forge(entries))
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}
     found = subprocess.run(
         [sys.executable, "-c", BOUNDED, str(folder)], capture_output=True, text=True, env=environment, check=False
     )
@@ -140,7 +140,7 @@ def test_a_folder_of_hostile_logs_and_one_good_one_gives_one_demonstration(
         (folder / f"hostile-{number:03}.npz").write_bytes(forge(entries))
     (folder / "good.npz").write_bytes(good.read_bytes())
     session = Session(ArtifactStore(tmp_path / "store"))
-    ref = ingest(session, files=find_logs(folder), config=IngestionConfig())
+    ref = ingest(session, files=find_logs(folder), config=IngestionConfig(task="one_leg"))
     facts = session.store.manifest(ref).summary
     assert (facts["episodes"], facts["rejected"]) == (1, len(hostile_logs) + len(expected))
     recordings = {entry.log: entry for entry in read_recordings(session.store.open(ref))}
@@ -148,7 +148,7 @@ def test_a_folder_of_hostile_logs_and_one_good_one_gives_one_demonstration(
     for name, reason in expected.items():
         assert reason in recordings[name].reason
     assert len(EpisodeReader(session.store.open(ref))) == 1
-    assert ingest(session, files=find_logs(folder), config=IngestionConfig()) == ref
+    assert ingest(session, files=find_logs(folder), config=IngestionConfig(task="one_leg")) == ref
 
 
 @pytest.mark.slow
@@ -161,7 +161,7 @@ def test_the_command_line_lists_every_rejection_of_such_a_folder(
         (tmp_path / "logs" / f"hostile-{number:03}.npz").write_bytes(forge(entries))
     (tmp_path / "logs" / "good.npz").write_bytes(good.read_bytes())
     (tmp_path / "mine.yaml").write_text(f"logs: {tmp_path / 'logs'}\n")
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "JUICER_DATA": str(tmp_path / "data")}
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3]), "JUICER_DATA": str(tmp_path / "data")}
     found = subprocess.run(
         [sys.executable, "-m", "flows.cli", "stage", "ingest", "--config", str(tmp_path / "mine.yaml")],
         capture_output=True,
