@@ -62,7 +62,7 @@ class LogNotWritten(JuicerError, OSError):
     """An operator log cannot be written; made of ``errno``, reason and path, as every refusal of a disk."""
 
     def __str__(self) -> str:
-        return f"log '{self.filename}' cannot be written: {self.strerror}"
+        return f"log '{self.filename}' cannot be written: {self.strerror}" if self.filename else super().__str__()
 
 
 class InvalidLabels(JuicerError):

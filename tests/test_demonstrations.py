@@ -13,6 +13,7 @@ from flows.config import RunConfig, load_runs
 from flows.loop import get_demonstrations
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
+from juicer.critical_states import AnnotationConfig
 from juicer.storage.tables import read_annotations
 from stages.annotate import annotate
 from stages.session import Session
@@ -69,6 +70,6 @@ def test_a_step_of_the_log_is_found_in_the_episode(session: Session, demonstrati
 
 
 def test_the_labels_in_the_page_are_used(session: Session, demonstrations: ArtifactRef, config: RunConfig):
-    ref = annotate(session, episodes=demonstrations, labels=config.labels, config=config.annotate)
+    ref = annotate(session, episodes=demonstrations, labels=config.labels, config=AnnotationConfig())
     rows = read_annotations(session.store.open(ref))
     assert [(row.episode, row.step, row.author) for row in rows] == [(0, 142, "human"), (1, 164, "human")]

@@ -74,7 +74,7 @@ def test_rejected_logs_are_listed_when_they_are_rejected_and_not_again(board, ou
     rejections = {f"{number:02}.npz": "the operator marked it as failed" for number in range(25)}
     for state in ("done", "reused"):
         board.started("ingest", "")
-        board.finished("ingest", "", state, {"episodes": 1, "rejections": rejections})
+        board.finished("ingest", "", state, {"episodes": 1, "rejected": 130, "rejections": rejections})
     lines = [line.strip() for line in output.getvalue().splitlines() if "npz" in line or "more" in line]
     assert lines[0] == "00.npz: the operator marked it as failed"
-    assert lines[20:] == ["and 5 more; see `juicer show`"]
+    assert lines[20:] == ["and 110 more; see `juicer show`"]

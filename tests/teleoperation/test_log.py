@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import pickle
 import resource
 import signal
 from collections.abc import Mapping
@@ -221,3 +222,10 @@ def test_a_full_disk_is_named_and_leaves_nothing(make_log, tmp_path: Path):
         signal.signal(signal.SIGXFSZ, handler)
     assert refusal.value.errno == errno.EFBIG
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_refusal_to_write_survives_the_way_between_processes_and_machines():
+    refusal = LogNotWritten(errno.ENOSPC, "No space left on device", "a.npz")
+    back = pickle.loads(pickle.dumps(refusal))
+    assert (str(back), back.errno) == ("log 'a.npz' cannot be written: No space left on device", errno.ENOSPC)
+    assert str(LogNotWritten(str(refusal))) == str(refusal)

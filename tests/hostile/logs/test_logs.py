@@ -121,7 +121,7 @@ def test_bombs_take_no_memory(bombs_only: Mapping[str, Forge], entries: Entries,
     folder.mkdir()
     for number, forge in enumerate(bombs_only.values()):
         (folder / f"{number}.npz").write_bytes(forge(entries))
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}
     found = subprocess.run(
         [sys.executable, "-c", BOUNDED, str(folder)], capture_output=True, text=True, env=environment, check=False
     )
@@ -149,3 +149,30 @@ def test_a_folder_of_hostile_logs_and_one_good_one_gives_one_demonstration(
         assert reason in recordings[name].reason
     assert len(EpisodeReader(session.store.open(ref))) == 1
     assert ingest(session, files=find_logs(folder), config=IngestionConfig(task="one_leg")) == ref
+
+
+@pytest.mark.slow
+def test_the_command_line_lists_every_rejection_of_such_a_folder(
+    hostile_logs: Mapping[str, Forge], entries: Entries, good: Path, tmp_path: Path
+):
+    (tmp_path / "logs").mkdir()
+    expected = odd_files(tmp_path / "logs")
+    for number, forge in enumerate(hostile_logs.values()):
+        (tmp_path / "logs" / f"hostile-{number:03}.npz").write_bytes(forge(entries))
+    (tmp_path / "logs" / "good.npz").write_bytes(good.read_bytes())
+    (tmp_path / "mine.yaml").write_text(f"logs: {tmp_path / 'logs'}\n")
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3]), "JUICER_DATA": str(tmp_path / "data")}
+    found = subprocess.run(
+        [sys.executable, "-m", "flows.cli", "stage", "ingest", "--config", str(tmp_path / "mine.yaml")],
+        capture_output=True,
+        text=True,
+        env=environment,
+        cwd=tmp_path,
+        check=False,
+    )
+    assert found.returncode == 0, found.stderr
+    assert "Traceback" not in found.stderr
+    assert f"and {len(hostile_logs) + len(expected) - 20} more; see `juicer show`" in found.stderr
+    assert sum(line.startswith("hostile-") for line in found.stdout.splitlines()) == len(hostile_logs)
+    (kept,) = (line for line in found.stdout.splitlines() if line.startswith("good.npz"))
+    assert kept.split()[:3] == ["good.npz", "0", "300"]
