@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from prefect import flow
+from prefect.runtime import flow_run
 
 from flows.conditions import Condition
 from flows.config import CollectInferConfig, StudyConfig
 from flows.opening import expect, opened
 from flows.plan import ready_calls
 from flows.run import task_runner
+from flows.servers.flow_runs import held
 from flows.settings import read_settings
 from flows.spread import sender
 from stages.prefect_task import PrefectPerformer
@@ -25,7 +27,10 @@ def single_stage(
     """Run every call of a stage that a configuration makes; with ``force`` even if its artifact is in the store."""
     forced = frozenset({stage}) if force else frozenset()
     settings = read_settings()
-    with opened(settings, None, PrefectPerformer(), send=sender(settings), forced=forced) as surroundings:
+    with (
+        held(settings.folder, flow_run.get_id()),
+        opened(settings, None, PrefectPerformer(), send=sender(settings), forced=forced) as surroundings,
+    ):
         chosen = ready_calls(surroundings.session.store, config.narrowed(condition, seed), stage)
         expect(surroundings, chosen)
         return [str(entry.perform(surroundings.session)) for entry in chosen]

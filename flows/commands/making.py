@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flows.commands.output import say, say_json
+from flows.data_folder import prepare_folder
 from flows.opening import opened
 from flows.repair import repair
 from flows.settings import read_settings
@@ -35,6 +36,7 @@ def evaluate_checkpoint(
     from stages.evaluate import EvaluateConfig, evaluate
 
     settings = read_settings()
+    prepare_folder(settings)
     ref = open_store(settings).resolve(text, "checkpoint")
     with opened(settings, None) as surroundings:
         store = surroundings.session.store
@@ -66,6 +68,7 @@ def _only_task(store: ArtifactStore, checkpoint: ArtifactRef) -> str:
 def repair_artifact(text: str, files: Path | None, as_json: bool) -> None:
     """``juicer repair``."""
     settings = read_settings()
+    prepare_folder(settings)
     ref = open_store(settings).resolve(text)
     with opened(settings, None) as surroundings:
         repaired = [str(each) for each in repair(surroundings.session, ref, files)]

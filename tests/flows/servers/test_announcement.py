@@ -8,7 +8,8 @@ import socket
 import pytest
 
 from flows.environment import API_VARIABLE, DATABASE_VARIABLE, prepare_environment
-from flows.services import Services, announced, check_reachable, choose_port, find_services, is_prefect_healthy
+from flows.servers.addresses import check_reachable
+from flows.servers.announcement import Services, announced, find_services
 from flows.settings import Settings
 from juicer.errors import ConfigError, ServiceUnavailable
 
