@@ -14,7 +14,8 @@ from flows.settings import Settings
 from juicer.errors import ServiceUnavailable
 
 DATABASES = ("prefect.db", "mlflow.db")
-_HARMLESS = "".join(chr(code) for code in range(32, 127) if chr(code) not in "%?#")
+_MEANINGFUL = str.maketrans({letter: quote(letter) for letter in "%?#"})
+"""What an address does not take for a part of a path."""
 
 
 def prepare_folder(settings: Settings) -> None:
@@ -36,7 +37,11 @@ def prepare_folder(settings: Settings) -> None:
 
 def sqlite_address(driver: str, path: Path) -> str:
     """Address of a SQLite file, as SQLAlchemy reads it: whatever is in its path, the file is meant."""
-    return f"{driver}:///{quote(str(path), safe=_HARMLESS)}"
+    quoted = str(path).translate(_MEANINGFUL)
+    if driver == "sqlite" and quoted != str(path):
+        # The same driver by its whole name: for the short one, MLflow makes a folder of the address as it stands.
+        driver = "sqlite+pysqlite"
+    return f"{driver}:///{quoted}"
 
 
 def _folders(settings: Settings) -> Iterator[tuple[str, Path, str]]:
