@@ -60,6 +60,8 @@ def prepare_environment(settings: Settings) -> bool:
     """
     for name, value in quiet_environment(settings).items():
         os.environ.setdefault(name, value)
+    # Log records that no server takes must not turn up between the progress lines.
+    logging.raiseExceptions = False
     for name in EXTRA_LOGGERS:
         logging.getLogger(name).setLevel(logging.INFO)
     prepare_folder(settings)

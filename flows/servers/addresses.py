@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import socket
 import urllib.request
 from urllib.parse import urlsplit
@@ -70,15 +71,15 @@ def listen(wanted: int | None, preferred: int, name: str) -> socket.socket:
     Whoever holds it keeps the port: nobody else can answer in the server's place.
 
     Raises:
-        ServiceUnavailable: If the wanted port is in use.
+        ServiceUnavailable: If the wanted port is in use, or not ours to take.
     """
     if wanted is not None:
         try:
             return listen_on(LOOPBACK, wanted)
         except OSError as error:
+            problem = "is in use" if error.errno == errno.EADDRINUSE else f"cannot be had ({error.strerror})"
             raise ServiceUnavailable(
-                f"port {wanted} for {name} cannot be had ({error.strerror}); "
-                "choose another one, or none to have one found"
+                f"port {wanted} for {name} {problem}; choose another one, or none to have one found"
             ) from None
     try:
         return listen_on(LOOPBACK, preferred)

@@ -11,7 +11,6 @@ import hmac
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
-from urllib.parse import urlsplit
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -72,14 +71,17 @@ def loopback_names(port: int) -> frozenset[str]:
 
 def host_name(text: str) -> str:
     """Host and port, as a browser sends them, of a name or an address such as ``https://prefect.example.org``."""
-    authority = urlsplit(text if "//" in text else f"//{text}").netloc.rpartition("@")[2].lower()
-    # A browser leaves them out.
-    return authority.removesuffix(":80").removesuffix(":443")
+    return _authority((text.partition("://")[2] or text).partition("/")[0])
 
 
 def host_names(texts: Iterable[str]) -> frozenset[str]:
     """:func:`host_name` of each text that is not empty."""
     return frozenset(host_name(text.strip()) for text in texts if text.strip())
+
+
+def _authority(text: str) -> str:
+    # Browsers leave out the port that goes without saying.
+    return text.lower().removesuffix(":80").removesuffix(":443")
 
 
 class Guard:
@@ -120,13 +122,16 @@ class Guard:
         )
 
     def _wrong_host(self, hosts: list[str]) -> Refusal | None:
-        if len(hosts) == 1 and host_name(hosts[0]) in self._hosts:
+        if len(hosts) == 1 and _authority(hosts[0]) in self._hosts:
             return None
         return Refusal(403, "this server does not answer to that host name; JUICER_ALLOWED_HOSTS can add names")
 
     def _foreign_origin(self, origins: list[str]) -> Refusal | None:
+        if not origins:
+            return None
         # A sandboxed page sends `null`, which is nobody's name.
-        if not origins or (len(origins) == 1 and "//" in origins[0] and host_name(origins[0]) in self._hosts):
+        scheme, _, authority = origins[0].partition("://")
+        if len(origins) == 1 and scheme in ("http", "https") and _authority(authority) in self._hosts:
             return None
         return Refusal(403, "requests of other web pages are not answered")
 

@@ -105,6 +105,8 @@ def _prefect_variables(settings: Settings, credentials: Credentials) -> dict[str
         PREFECT_PASSWORD: auth_string(credentials),
         # Where the pages are; whoever is forwarded to another port or name finds the API there, too.
         "PREFECT_SERVER_UI_API_URL": "/api",
+        # Prefect prepares its pages in a folder of its package otherwise, which need not be ours to write.
+        "PREFECT_SERVER_UI_STATIC_DIRECTORY": str(settings.folder / ".prefect-pages"),
         DATABASE_VARIABLE: os.environ.get(DATABASE_VARIABLE) or prefect_database(settings),
         "PREFECT_LOGGING_SERVER_LEVEL": "WARNING",
     }
