@@ -21,6 +21,7 @@ from flows.servers.secret import PRIVATE
 FOLDER = ".flow-runs"
 CRASHED = {"type": "CRASHED", "name": "Crashed", "message": "The process was killed; the same command goes on."}
 REQUEST_SECONDS = 5.0
+RETRY_SECONDS = 0.5
 KEPT_SECONDS = 30 * 86400.0
 """How long a flow run of a server that is not there is remembered."""
 
@@ -98,8 +99,16 @@ def _mark(api: str, password: str | None, flow_run: UUID) -> bool:
         request = urllib.request.Request(f"{api}{path}", data, {"Content-Type": "application/json"})
         if password:
             request.add_header("Authorization", f"Basic {base64.b64encode(password.encode()).decode()}")
-        with urllib.request.urlopen(request, timeout=REQUEST_SECONDS) as response:
-            return json.load(response)
+        for is_last in (False, False, True):
+            try:
+                with urllib.request.urlopen(request, timeout=REQUEST_SECONDS) as response:
+                    return json.load(response)
+            except urllib.error.HTTPError as error:
+                # The server asks to be asked again, as its database is locked at the moment.
+                if error.code != 503 or is_last:
+                    raise
+                time.sleep(RETRY_SECONDS)
+        return None
 
     try:
         state = call(f"/flow_runs/{flow_run}").get("state_type")
