@@ -259,9 +259,21 @@ def ui(
     as_json: AsJson = False,
 ) -> None:
     """Serve Prefect's and MLflow's pages on this machine until Ctrl-C."""
-    from flows.ui import serve_pages
+    from flows.servers.ui import serve_pages
 
     serve_pages(prefect_port, mlflow_port, as_json)
+
+
+@app.command()
+def server(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="prefect or mlflow.")],
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int | None, typer.Option(min=1, max=65535, help="Port; the usual one if left out.")] = None,
+) -> None:
+    """Run one of the two servers for a team, behind a guard and with a password; see docs/team.md."""
+    from flows.servers.team import serve_one
+
+    serve_one(name, host, port)
 
 
 @app.command()

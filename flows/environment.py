@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import logging
 import os
-from pathlib import Path
 
-from flows.services import check_address, check_reachable, find_services, is_prefect_healthy
+from flows.data_folder import prepare_folder, sqlite_address
+from flows.servers.addresses import check_address, check_reachable, is_answering
+from flows.servers.announcement import find_services
+from flows.servers.guard import Credentials
+from flows.servers.secret import credentials_of
 from flows.settings import Settings
-from juicer.errors import ServiceUnavailable
 
 API_VARIABLE = "PREFECT_API_URL"
+PASSWORD_VARIABLE = "PREFECT_API_AUTH_STRING"
 DATABASE_VARIABLE = "PREFECT_SERVER_DATABASE_CONNECTION_URL"
 EXTRA_LOGGERS = ("flows", "stages", "juicer")
 
@@ -32,6 +35,7 @@ def quiet_environment(settings: Settings) -> dict[str, str]:
         "PREFECT_CLIENT_MAX_RETRIES": "3",
         "PREFECT_LOGGING_SERVER_LEVEL": "CRITICAL",
         "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL",
+        "PREFECT_LOGGING_HANDLERS_DEBUG_LEVEL": "CRITICAL",
         "PREFECT_LOGGING_EXTRA_LOGGERS": ",".join(EXTRA_LOGGERS),
         "PREFECT_SERVER_EPHEMERAL_STARTUP_TIMEOUT_SECONDS": str(settings.startup_seconds),
     }
@@ -39,7 +43,12 @@ def quiet_environment(settings: Settings) -> dict[str, str]:
 
 def prefect_database(settings: Settings) -> str:
     """Database of Prefect servers that juicer starts: the temporary one of a flow, and that of ``juicer ui``."""
-    return f"sqlite+aiosqlite:///{settings.folder / 'prefect.db'}"
+    return sqlite_address("sqlite+aiosqlite", settings.folder / "prefect.db")
+
+
+def auth_string(credentials: Credentials) -> str:
+    """A password in Prefect's form."""
+    return f"{credentials.user}:{credentials.password}"
 
 
 def prepare_environment(settings: Settings) -> bool:
@@ -47,32 +56,29 @@ def prepare_environment(settings: Settings) -> bool:
 
     Raises:
         ConfigError: If the address of a Prefect server is none.
-        ServiceUnavailable: If a Prefect server is configured and does not answer.
+        ServiceUnavailable: If a Prefect server is configured and does not answer, or the data folder cannot be used.
     """
     for name, value in quiet_environment(settings).items():
         os.environ.setdefault(name, value)
+    # Log records that no server takes must not turn up between the progress lines.
+    logging.raiseExceptions = False
     for name in EXTRA_LOGGERS:
         logging.getLogger(name).setLevel(logging.INFO)
-    url = os.environ.get(API_VARIABLE) or _announced_api(settings.folder)
-    if url:
+    prepare_folder(settings)
+    if os.environ.get(API_VARIABLE) or _use_announced(settings):
+        url = os.environ[API_VARIABLE]
         check_address(API_VARIABLE, url)
-        os.environ[API_VARIABLE] = url
         check_reachable("Prefect server", url, f"start it, or unset {API_VARIABLE} to run without one")
         return True
-    _ensure_folder(settings.folder)
     os.environ.setdefault(DATABASE_VARIABLE, prefect_database(settings))
     return False
 
 
-def _announced_api(folder: Path) -> str | None:
-    services = find_services(folder)
-    return services.prefect_api if services and is_prefect_healthy(services) else None
-
-
-def _ensure_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ServiceUnavailable(
-            f"the data folder '{folder}' cannot be created ({error.strerror}); set JUICER_DATA to another one"
-        ) from None
+def _use_announced(settings: Settings) -> bool:
+    """Point Prefect to the server of ``juicer ui``, if it runs."""
+    services = find_services(settings.folder)
+    if services is None or not is_answering(f"{services.prefect_api}/health"):
+        return False
+    os.environ[API_VARIABLE] = services.prefect_api
+    os.environ[PASSWORD_VARIABLE] = auth_string(credentials_of(settings.folder))
+    return True

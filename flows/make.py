@@ -7,11 +7,13 @@ from typing import Any
 
 from prefect import flow
 from prefect.client.schemas.objects import State
+from prefect.runtime import flow_run
 from prefect.states import Completed, Failed
 
 from flows.opening import opened
 from flows.repair import rebuild_call
 from flows.run import task_runner
+from flows.servers.flow_runs import held
 from flows.settings import read_settings
 from flows.spread import MAKE, failure_message
 from juicer.artifacts.recipe import Recipe
@@ -32,7 +34,11 @@ def make(recipe: dict[str, Any], label: str = "", force: bool = False) -> State[
     try:
         call = _call(recipe)
         forced = frozenset({call.stage.name}) if force else frozenset()
-        with opened(read_settings(), None, PrefectPerformer(), forced=forced) as surroundings:
+        settings = read_settings()
+        with (
+            held(settings.folder, flow_run.get_id()),
+            opened(settings, None, PrefectPerformer(), forced=forced) as surroundings,
+        ):
             session = surroundings.session
             ref = session.perform(call, session.for_model(label, session.record))
     except NothingLeft as finding:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from flows.board import Board
 from flows.config import RunConfig
+from flows.data_folder import sqlite_address
 from flows.plan import PlannedCall
 from flows.settings import Settings
 from flows.store import open_store
@@ -104,4 +105,4 @@ def destination(settings: Settings) -> Destination:
     """Where the records go."""
     if settings.tracking_uri:
         return Destination(settings.tracking_uri)
-    return Destination(f"sqlite:///{settings.folder / 'mlflow.db'}", settings.folder / "mlflow-files")
+    return Destination(sqlite_address("sqlite", settings.folder / "mlflow.db"), settings.folder / "mlflow-files")

@@ -6,12 +6,14 @@ from typing import Any, cast
 
 from prefect.artifacts import create_markdown_artifact, create_table_artifact
 from prefect.futures import PrefectFuture
+from prefect.runtime import flow_run
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows.config import RunConfig
 from flows.execution import RunOutcome, execute
 from flows.opening import expect, opened
 from flows.plan import plan
+from flows.servers.flow_runs import held
 from flows.settings import read_settings
 from flows.spread import sender
 from juicer.artifacts.store import ArtifactStore
@@ -31,7 +33,10 @@ def task_runner() -> TaskRunner[PrefectFuture[Any]]:
 def run(config: RunConfig) -> RunOutcome:
     """Run a configuration within a Prefect flow run."""
     settings = read_settings()
-    with opened(settings, config, PrefectPerformer(), send=sender(settings)) as surroundings:
+    with (
+        held(settings.folder, flow_run.get_id()),
+        opened(settings, config, PrefectPerformer(), send=sender(settings)) as surroundings,
+    ):
         store = surroundings.session.store
         expect(surroundings, plan(store, config))
         outcome = execute(surroundings.session, config, surroundings.tracking)

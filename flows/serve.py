@@ -7,7 +7,8 @@ from typing import Any
 
 from flows.commands.output import say
 from flows.device import check_device
-from flows.environment import API_VARIABLE, prepare_environment
+from flows.environment import API_VARIABLE, PASSWORD_VARIABLE, prepare_environment
+from flows.servers.flow_runs import mark_crashed
 from flows.settings import PREFIX, read_settings
 from juicer.errors import ServiceUnavailable
 
@@ -24,6 +25,7 @@ def serve_flows() -> None:
     check_device(settings)
     if not prepare_environment(settings):
         raise ServiceUnavailable(f"deployments need a Prefect server; start one with `juicer ui` or set {API_VARIABLE}")
+    mark_crashed(settings.folder, os.environ[API_VARIABLE], os.environ.get(PASSWORD_VARIABLE))
     # Whoever serves does not send on: two machines would wait for each other.
     os.environ[SPREAD_VARIABLE] = "false"
     from prefect import serve

@@ -31,6 +31,8 @@ class Settings(BaseSettings):
         spread: Whether the stages of flows run on the machines that serve them (``juicer serve``) instead of this one.
         num_envs: Simulated environments that a rollout steps side by side.
         device: Torch device that policies are trained on and act on: ``cpu``, ``cuda``, or ``cuda:1`` for the second.
+        allowed_hosts: Names, besides this machine's own, by which browsers and clients may reach servers that juicer
+            runs, such as ``prefect.example.org`` or ``127.0.0.1:14200``; separated by commas.
         startup_seconds: How long a Prefect or MLflow server may take to answer after its start.
     """
 
@@ -43,9 +45,10 @@ class Settings(BaseSettings):
     spread: bool = False
     num_envs: int = Field(default=16, ge=1, le=4096)
     device: str = Field(default="cpu", pattern="^(cpu|cuda(:[0-9]{1,3})?)$")
+    allowed_hosts: str = ""
     startup_seconds: int = Field(default=120, ge=1, le=86_400)
 
-    @field_validator("data", "store", "tracking_uri")
+    @field_validator("data", "store", "tracking_uri", "allowed_hosts")
     @classmethod
     def _is_plain_text(cls, value: Path | str) -> Path | str:
         if len(str(value)) > LONGEST_PLACE or printable(value, LONGEST_PLACE) != str(value):

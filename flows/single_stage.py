@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from prefect import flow
+from prefect.runtime import flow_run
 
 from flows.config import CollectInferConfig, RunConfig, StudyConfig
 from flows.opening import expect, opened
 from flows.plan import ready_calls
 from flows.run import task_runner
+from flows.servers.flow_runs import held
 from flows.settings import read_settings
 from flows.spread import sender
 from stages.prefect_task import PrefectPerformer
@@ -25,7 +27,10 @@ def run_stage(stage: str, configs: Sequence[RunConfig], *, force: bool) -> list[
     """The same within a flow run; gives the artifacts."""
     settings = read_settings()
     forced = frozenset({stage}) if force else frozenset()
-    with opened(settings, None, PrefectPerformer(), send=sender(settings), forced=forced) as surroundings:
+    with (
+        held(settings.folder, flow_run.get_id()),
+        opened(settings, None, PrefectPerformer(), send=sender(settings), forced=forced) as surroundings,
+    ):
         chosen = [entry for config in configs for entry in ready_calls(surroundings.session.store, config, stage)]
         expect(surroundings, chosen)
         return [str(entry.perform(surroundings.session)) for entry in chosen]

@@ -17,6 +17,8 @@ from typing import Any
 import pytest
 import yaml
 
+from flows.servers.guard import host_name, host_names, loopback_names
+
 ROOT = Path(__file__).parents[1]
 COMPOSE = ROOT / "docker-compose.yml"
 DOCKERFILE = ROOT / "docker" / "Dockerfile"
@@ -112,25 +114,26 @@ def test_services_volumes_and_mounted_files_exist(services: dict[str, Any]):
             assert (ROOT / source).exists() if source.startswith(".") else source in volumes, mount
 
 
-def test_prefect_understands_its_commands(services: dict[str, Any]):
-    from prefect.cli._app import _app
-
-    commands = list(commands_of(services, "prefect"))
-    assert commands
-    for arguments in commands:
-        command, bound, _ = _app.parse_args(arguments, exit_on_error=False, print_error=False)
-        assert command.__name__ == "start"
-        assert bound.arguments["host"] == "0.0.0.0"
+def test_servers_run_behind_the_guard(services: dict[str, Any]):
+    for name in ("prefect", "mlflow"):
+        program, command, server, *_ = services[name]["command"]
+        assert (program, command, server) == ("juicer", "server", name)
+    assert not {"prefect", "mlflow"} & {service["command"][0] for service in services.values() if "command" in service}
 
 
-def test_mlflow_understands_its_commands(services: dict[str, Any]):
-    from mlflow.cli import cli
+def test_servers_are_reached_by_the_names_that_the_worker_uses(services: dict[str, Any]):
+    worker = services["worker"]["environment"]
+    for name, url in (("prefect", worker["PREFECT_API_URL"]), ("mlflow", worker["JUICER_TRACKING_URI"])):
+        names = host_names(services[name]["environment"]["JUICER_ALLOWED_HOSTS"].split(","))
+        assert host_name(url) in names
+        assert names.isdisjoint(loopback_names(1))
 
-    commands = list(commands_of(services, "mlflow"))
-    assert commands
-    for name, *arguments in commands:
-        context = cli.commands[name].make_context(name, arguments)
-        assert context.params["artifacts_destination"] == "s3://mlflow"
+
+def test_worker_knows_the_passwords_of_both_servers(services: dict[str, Any]):
+    worker, prefect, mlflow = (services[name]["environment"] for name in ("worker", "prefect", "mlflow"))
+    assert worker["PREFECT_API_AUTH_STRING"] == prefect["PREFECT_SERVER_API_AUTH_STRING"] == "juicer:changeme4"
+    for name in ("MLFLOW_TRACKING_USERNAME", "MLFLOW_TRACKING_PASSWORD"):
+        assert worker[name] == mlflow[name]
 
 
 def test_juicer_has_the_commands_it_is_called_with(services: dict[str, Any]):
@@ -171,7 +174,7 @@ def test_prefect_reads_the_variables_that_are_set(services: dict[str, Any]):
     from prefect import settings
 
     unknown = {name for name in environment_names(services, "PREFECT_") if not hasattr(settings, name)}
-    assert unknown == {"PREFECT_DATABASE_PASSWORD"}
+    assert unknown == {"PREFECT_DATABASE_PASSWORD"}  # of PostgreSQL's image
 
 
 def test_mlflow_reads_the_variables_that_are_set(services: dict[str, Any]):

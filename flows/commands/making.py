@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flows.commands.output import say, say_json
+from flows.data_folder import prepare_folder
 from flows.device import check_device
 from flows.opening import opened
 from flows.repair import repair
@@ -37,6 +38,7 @@ def evaluate_checkpoint(
 
     settings = read_settings()
     check_device(settings)
+    prepare_folder(settings)
     ref = open_store(settings).resolve(text, "checkpoint")
     with opened(settings, None) as surroundings:
         store = surroundings.session.store
@@ -69,6 +71,7 @@ def repair_artifact(text: str, files: Path | None, as_json: bool) -> None:
     """``juicer repair``."""
     settings = read_settings()
     check_device(settings)
+    prepare_folder(settings)
     ref = open_store(settings).resolve(text)
     with opened(settings, None) as surroundings:
         repaired = list(repair(surroundings.session, ref, files))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -14,11 +12,13 @@ from flows.commands.choosing import Choice
 from flows.commands.output import say, say_json, say_table
 from flows.commands.recordings import find_recordings, say_recordings
 from flows.device import check_device
-from flows.environment import API_VARIABLE, prepare_environment
+from flows.environment import API_VARIABLE, PASSWORD_VARIABLE, prepare_environment
 from flows.facts import duration
+from flows.servers.flow_runs import mark_crashed
+from flows.servers.temporary import TemporaryServer
+from flows.servers.watch import PATIENCE_SECONDS, ServerWatch, is_reachable
 from flows.settings import Settings, read_settings
 from flows.store import open_store
-from flows.temporary_server import TemporaryServer
 from juicer.artifacts.ref import ArtifactRef
 from juicer.errors import ServiceUnavailable
 from stages.isolation import warm_up
@@ -41,13 +41,12 @@ def run_flow(choice: Choice, as_json: bool) -> None:
     configs = choice.runs()
     store = open_store(settings)
     outcomes = []
+    watch = watch_server(settings) if has_server else None
     for config in configs:
-        outcome = None if has_server else _reuse_everything(settings, config)
+        outcome = None if watch else _reuse_everything(settings, config)
         if outcome is None:
-            if not has_server:
-                start_server(settings)
-                has_server = True
-            outcome = _run_in_prefect(config)
+            watch = watch or start_server(settings)
+            outcome = _run_in_prefect(config, watch)
         outcomes.append(outcome.to_json(store))
         if not as_json:
             _say_outcome(outcome, config, store)
@@ -100,39 +99,35 @@ def _reuse_everything(settings: Settings, config: RunConfig) -> RunOutcome | Non
         return execute(surroundings.session, config, surroundings.tracking)
 
 
-def start_server(settings: Settings) -> None:
+def start_server(settings: Settings) -> ServerWatch:
     """Start a Prefect server for this run, and point Prefect to it."""
     typer.echo("starting a Prefect server for this run ...", err=True)
     server = TemporaryServer()
-    os.environ[API_VARIABLE] = server.api_url
+    os.environ.update(server.variables)
     warm_up()
     server.wait(settings.startup_seconds)
+    _mark_crashed(settings)
+    return ServerWatch(lambda: not server.has_ended, patience_s=0.0)
 
 
-def _run_in_prefect(config: RunConfig) -> RunOutcome:
+def watch_server(settings: Settings) -> ServerWatch:
+    """Look after the Prefect server that is running already."""
+    _mark_crashed(settings)
+    url = os.environ[API_VARIABLE]
+    return ServerWatch(lambda: is_reachable(url), PATIENCE_SECONDS)
+
+
+def _mark_crashed(settings: Settings) -> None:
+    mark_crashed(settings.folder, os.environ[API_VARIABLE], os.environ.get(PASSWORD_VARIABLE))
+
+
+def _run_in_prefect(config: RunConfig, watch: ServerWatch) -> RunOutcome:
     from flows.collect_infer import collect_infer
     from flows.config import StudyConfig
     from flows.study import study
 
-    with server_loss_explained():
+    with watch.explaining():
         return study(config) if isinstance(config, StudyConfig) else collect_infer(config)
-
-
-@contextmanager
-def server_loss_explained() -> Iterator[None]:
-    """Say in one sentence that Prefect's server went away in mid-run.
-
-    Raises:
-        ServiceUnavailable: If it did.
-    """
-    import httpx
-
-    try:
-        yield
-    except httpx.TransportError as error:
-        raise ServiceUnavailable(
-            f"the Prefect server went away ({error}); what was made is in the store, the same command goes on"
-        ) from None
 
 
 def run_stage(name: str, choice: Choice, force: bool, as_json: bool) -> None:
@@ -148,11 +143,10 @@ def run_stage(name: str, choice: Choice, force: bool, as_json: bool) -> None:
     # What is wrong is better said before a server starts.
     for config in configs:
         ready_calls(open_store(settings), config, name)
-    if not has_server:
-        start_server(settings)
+    watch = watch_server(settings) if has_server else start_server(settings)
     from flows.single_stage import single_stage
 
-    with server_loss_explained():
+    with watch.explaining():
         refs = single_stage(name, configs, force=force)
     if as_json:
         say_json(refs)

@@ -14,6 +14,7 @@ from mlflow import MlflowClient
 from mlflow.entities import Dataset, DatasetInput, InputTag, Metric, Param, RunTag
 from mlflow.exceptions import MlflowException, RestException
 from mlflow.protos.databricks_pb2 import RESOURCE_ALREADY_EXISTS, ErrorCode
+from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 from sqlalchemy.engine import make_url
 
 from juicer.artifacts.manifest import Manifest
@@ -55,7 +56,7 @@ class Delivery:
             artifact_root: Where the files of new experiments go; the server decides if None.
             store: Where the artifacts that the journals name are.
         """
-        _create_database(uri)
+        _create_database(uri, artifact_root)
         self._client = MlflowClient(uri)
         self._artifact_root = artifact_root
         self._store = store
@@ -212,19 +213,22 @@ def _flat_numbers(content: Mapping[str, Any], prefix: str = "") -> Iterator[tupl
             )
 
 
-def _create_database(uri: str) -> None:
+def _create_database(uri: str, artifact_root: Path | None) -> None:
     """Create a missing SQLite database under another name first.
 
     Its tables are made by dozens of migrations, which SQLite does not undo: a process that is killed among them would
     leave a database that no later one can use.
     """
-    name = make_url(uri).database if uri.startswith("sqlite:") else None
-    if not name or Path(name).exists():
+    url = make_url(uri) if uri.startswith("sqlite") else None
+    if not url or not url.database or Path(url.database).exists():
         return
-    path = Path(name)
+    path = Path(url.database)
     draft = path.with_name(f"{path.name}.draft")
     draft.unlink(missing_ok=True)
-    MlflowClient(f"sqlite:///{draft}").search_experiments(max_results=1)
+    # The experiment that is always there must not keep its files in the working directory.
+    root = (artifact_root or path.parent / "mlflow-files").absolute().as_uri()
+    address = url.set(database=str(draft)).render_as_string(hide_password=False)
+    SqlAlchemyStore(address, root)  # type: ignore[no-untyped-call]  # MLflow's own
     draft.replace(path)
 
 

@@ -13,13 +13,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from prefect.settings import PREFECT_API_URL, temporary_settings
+from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 
-from flows.environment import API_VARIABLE, DATABASE_VARIABLE, quiet_environment
+from flows.environment import API_VARIABLE, DATABASE_VARIABLE, PASSWORD_VARIABLE, quiet_environment
 from flows.make import make
+from flows.servers.temporary import TemporaryServer
 from flows.settings import read_settings
 from flows.spread import DEPLOYMENT, send
-from flows.temporary_server import TemporaryServer
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ArtifactError, ServiceUnavailable
 from stages.record import RecordConfig, record
@@ -75,16 +75,20 @@ def server(data):
             patch.setenv(name, value)
         server = TemporaryServer()
     server.wait(120)
-    yield server.api_url
+    yield server.variables
     server.stop()
 
 
 def juicer(data, *arguments, server=None):
-    environment = {**os.environ, "JUICER_DATA": str(data), **({API_VARIABLE: server} if server else {})}
+    environment = {**os.environ, "JUICER_DATA": str(data), **(server or {})}
     command = [sys.executable, "-m", "flows.cli", *arguments]
     return subprocess.Popen(
         command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
+
+
+def prefect_settings(server):
+    return {PREFECT_API_URL: server[API_VARIABLE], PREFECT_API_AUTH_STRING: server[PASSWORD_VARIABLE]}
 
 
 def finish(process, status=0):
@@ -220,7 +224,7 @@ RECORDING = record.prepare(config=RecordConfig(task="one_leg", randomness="low",
 
 def test_a_stage_does_not_wait_for_ever_for_a_machine_to_serve_it(data, server, monkeypatch):
     monkeypatch.setattr("flows.spread.PATIENCE_SECONDS", 0.5)
-    with temporary_settings({PREFECT_API_URL: server}):
+    with temporary_settings(prefect_settings(server)):
         make.to_deployment(DEPLOYMENT).apply()
         with pytest.raises(ServiceUnavailable, match="no machine offers to run stages; start `juicer serve`"):
             RECORDING.execute(Session(ArtifactStore(data), send=send))
@@ -235,7 +239,7 @@ def serving(data, server):
             break
     else:
         pytest.fail(process.stderr.read())
-    with temporary_settings({PREFECT_API_URL: server}):
+    with temporary_settings(prefect_settings(server)):
         yield Session(ArtifactStore(data), send=send, label="bc seed 0")
     os.killpg(process.pid, signal.SIGINT)
     process.communicate(timeout=60)

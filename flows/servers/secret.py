@@ -1,0 +1,73 @@
+"""The password between juicer and its servers: made once for a data folder, readable by its owner only."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from pathlib import Path
+
+from flows.servers.guard import Credentials
+from juicer.errors import ConfigError, ServiceUnavailable
+from juicer.reading import read_bounded
+
+SECRET_FILE = ".servers-password"
+USER = "juicer"
+PRIVATE = 0o600
+_BYTES = 24
+_MOST_BYTES = 1000
+
+
+def new_credentials() -> Credentials:
+    """A password that nobody else knows."""
+    return Credentials(USER, secrets.token_urlsafe(_BYTES))
+
+
+def credentials_of(folder: Path) -> Credentials:
+    """The password of a data folder, made if there is none.
+
+    It stays the same, so that browsers ask for it once.
+
+    Raises:
+        ConfigError: If others can read it, or it is none.
+        ServiceUnavailable: If it cannot be written or read.
+    """
+    path = folder / SECRET_FILE
+    try:
+        if not path.exists():
+            _create(path, new_credentials().password)
+        status = path.stat()
+        password = read_bounded(path, _MOST_BYTES).decode("ascii", "replace").strip()
+    except OSError as error:
+        raise ServiceUnavailable(f"the servers' password in '{path}' cannot be used ({error.strerror})") from None
+    if status.st_mode & 0o077 or status.st_uid != os.geteuid():
+        raise ConfigError(
+            f"the servers' password in '{path}' is not yours alone; delete that file, a new one is made then"
+        )
+    if not password or not all(letter.isalnum() or letter in "-_" for letter in password):
+        raise ConfigError(f"the servers' password in '{path}' is none; delete that file, a new one is made then")
+    return Credentials(USER, password)
+
+
+def write_private(path: Path, text: str) -> None:
+    """Write a file that only its owner can read, whole or not at all."""
+    draft = path.with_name(f"{path.name}.{secrets.token_hex(4)}.draft")
+    _create_plain(draft, text)
+    draft.replace(path)
+
+
+def _create(path: Path, password: str) -> None:
+    """Make the file unless another process has; whichever comes first, all read the same."""
+    draft = path.with_name(f"{path.name}.{secrets.token_hex(4)}.draft")
+    _create_plain(draft, password + "\n")
+    try:
+        path.hardlink_to(draft)
+    except FileExistsError:
+        pass
+    finally:
+        draft.unlink()
+
+
+def _create_plain(path: Path, text: str) -> None:
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, PRIVATE)
+    with os.fdopen(descriptor, "w") as file:
+        file.write(text)

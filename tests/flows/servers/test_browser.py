@@ -1,0 +1,163 @@
+"""A foreign page in a real browser, beside ``juicer ui`` and ``juicer serve``, learns and changes nothing."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import threading
+import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+from websockets.sync.client import connect
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+NAMES = "MAP evil.example 127.0.0.1, MAP rebound.example 127.0.0.1"
+ATTACK = Path(__file__).with_name("attack.js")
+
+
+class Browser:
+    """One tab of Chromium, steered through its debugging socket."""
+
+    def __init__(self, profile: Path) -> None:
+        options = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
+        self.process = subprocess.Popen(
+            [
+                CHROMIUM,
+                *options,
+                "--remote-debugging-port=0",
+                f"--user-data-dir={profile}",
+                "--disable-popup-blocking",
+                f"--host-resolver-rules={NAMES}",
+                "about:blank",
+            ],
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for line in self.process.stderr:
+            if line.startswith("DevTools listening on "):
+                break
+        threading.Thread(target=self.process.stderr.read, daemon=True).start()
+        self._socket = connect(line.split()[-1], max_size=None, proxy=None, origin=None)
+        self._number = 0
+        target = self._call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self._call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self._call("Page.enable")
+
+    def _call(self, method, **parameters):
+        self._number += 1
+        message = {"id": self._number, "method": method, "params": parameters}
+        if not method.startswith("Target."):
+            message["sessionId"] = self._session
+        self._socket.send(json.dumps(message))
+        while True:
+            answer = json.loads(self._socket.recv(timeout=120))
+            if answer.get("id") == self._number:
+                assert "error" not in answer, answer
+                return answer["result"]
+
+    def open(self, url):
+        """Open a page as if its address had been typed."""
+        self._call("Page.navigate", url=url)
+        while self.run("document.readyState") != "complete":
+            time.sleep(0.1)
+
+    def run(self, script):
+        """Value of an expression in the page."""
+        done = self._call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        assert "exceptionDetails" not in done, done
+        return done["result"].get("value")
+
+    def close(self):
+        """End it."""
+        self._socket.close()
+        self.process.kill()
+        self.process.wait()
+
+
+@pytest.fixture
+def browser(tmp_path):
+    if CHROMIUM is None:
+        pytest.skip("there is no Chromium on this machine")
+    opened = Browser(tmp_path / "profile")
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def elsewhere():
+    """A web server of somebody else, which also notes what is sent to it."""
+    noted = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self):
+            noted.append(self.path)
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(b"<!doctype html><title>evil</title><body>")
+
+        def log_message(self, *arguments):
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://evil.example:{server.server_port}/"
+    server.shutdown()
+
+
+def snapshot(prefect, mlflow, deployment):
+    """Everything that an attack would like to change."""
+    filters = {"limit": 200}
+    return {
+        "deployment": prefect.read(f"/api/deployments/{deployment}")["pull_steps"] or [],
+        "deployments": sorted(entry["id"] for entry in prefect.post("/api/deployments/filter", filters)),
+        "flow runs": len(prefect.post("/api/flow_runs/filter", filters)),
+        "flows": sorted(entry["name"] for entry in prefect.post("/api/flows/filter", filters)),
+        "variables": prefect.post("/api/variables/filter", filters),
+        "experiments": sorted(entry["name"] for entry in mlflow.read(mlflow.reads)["experiments"]),
+    }
+
+
+@pytest.mark.slow
+def test_a_foreign_page_reads_and_writes_nothing(browser, elsewhere, servers, juicer, tmp_path):
+    prefect, mlflow = servers["prefect"], servers["mlflow"]
+    serving = juicer("serve", data=prefect.home)
+    assert any(line.startswith("waiting for runs") for line in serving.stdout)
+    found = prefect.post("/api/deployments/filter", {"limit": 50})
+    deployment = next(entry["id"] for entry in found if entry["name"] == "train")
+    before = snapshot(prefect, mlflow, deployment)
+
+    # The worst case: the user has given both passwords to this browser.
+    browser.open(f"{prefect.url}/v2/login")
+    browser.run(f"localStorage.setItem('prefect-password', btoa({json.dumps(prefect.password)}))")
+    told = json.dumps({"headers": {"Authorization": prefect.basic}})
+    assert browser.run(f"fetch('/api/admin/version', {told}).then(answer => answer.status)") == 200
+    browser.open(mlflow.url.replace("//", f"//{mlflow.password}@") + mlflow.reads)
+    browser.open(f"{mlflow.url}/")
+    assert browser.run(f"fetch({json.dumps(mlflow.reads)}).then(answer => answer.status)") == 200
+
+    browser.open(elsewhere)
+    names = ("127.0.0.1", "localhost", "rebound.example")
+    targets = {
+        "prefect": [f"http://{name}:{prefect.port}" for name in names],
+        "mlflow": [f"http://{name}:{mlflow.port}" for name in names],
+        "deployment": deployment,
+        "password": prefect.basic,
+        "sockets": [f"ws://{name}:{prefect.port}/api/events/{way}" for name in names for way in ("in", "out")],
+        "token": prefect.password,
+    }
+    outcomes = browser.run(ATTACK.read_text().replace("TARGETS", json.dumps(targets)))
+    assert len(outcomes) > 60
+    assert {name: outcome for name, outcome in outcomes.items() if outcome != "nothing"} == {}
+
+    # To the browser, a name that has been made to point here is one with the server.
+    for server in (prefect, mlflow):
+        browser.open(f"http://rebound.example:{server.port}{server.page}")
+        assert "does not answer to that host name" in browser.run("document.body.innerText")
+        assert browser.run(f"fetch({json.dumps(server.reads)}).then(answer => answer.status)") == 403
+
+    assert snapshot(prefect, mlflow, deployment) == before
+    assert list(Path(mlflow.start).iterdir()) == []
