@@ -96,7 +96,7 @@ def read_written(source: Path | str) -> Written:
     if is_name(text):
         return _over_base(*_from_file(find_configuration(text)))
     path = _path(text, Path(), "the configuration", "it")
-    if path.stem in names(CONFIGS) and not path.exists():
+    if path.stem in names(CONFIGS) and not _exists(path):
         raise ConfigError(f"config file '{path}' does not exist; the one that comes with juicer is run as {path.stem}")
     return _over_base(*_from_file(path))
 
@@ -148,7 +148,14 @@ def _find_base(text: Any, folder: Path | None, origin: str) -> Path:
         return find_preset(text)
     path = _path(text, folder, origin, BASE_KEY)
     # What the examples show works from any folder.
-    return path if path.exists() else shipped_path(text) or path
+    return path if _exists(path) else shipped_path(text) or path
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # the name is too long, or a folder may not be looked into
+        return False
 
 
 def _path(text: str, folder: Path | None, origin: str, key: str) -> Path:
