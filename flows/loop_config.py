@@ -118,7 +118,7 @@ class LoopConfig(StrictConfig):
     def _says_the_task_once(cls, content: Any) -> Any:
         for section, own in content.items() if isinstance(content, Mapping) else ():
             if isinstance(own, Mapping) and "task" in own and section != "mix":
-                raise ValueError(f"{printable(section)}.task: the task is said once, at the top: task: TASK")
+                raise ValueError(f"{printable(section)}.task: the task is said once, at the top of the configuration")
         return content
 
     @field_validator("name")

@@ -146,7 +146,9 @@ def test_network_of_another_kind_replaces_that_of_the_base(tmp_path):
 def test_task_is_said_once(tmp_path):
     for section in ("record", "ingest", "collect", "evaluate", "train", "annotate"):
         path = write(tmp_path / "run.yaml", f"task: lamp\n{section}: {{task: one_leg}}\n")
-        with pytest.raises(ConfigError, match=rf"{section}\.task: the task is said once, at the top: task: TASK"):
+        with pytest.raises(
+            ConfigError, match=rf"{section}\.task: the task is said once, at the top of the configuration"
+        ):
             load_runs(path)
     with pytest.raises(ConfigError, match=r"run\.yaml:1: task: unknown task 'lmap'; did you mean 'lamp'\?"):
         load_runs(write(tmp_path / "run.yaml", "task: lmap\n"))
@@ -158,6 +160,17 @@ def test_a_form_cannot_name_another_task_than_it_trains():
     (run,) = parse_runs({"task": "lamp", "base": "smoke"}, "the form")
     stages = (run.recording, run.ingestion, run.collection(0, 1), run.evaluation)
     assert {stage.task for stage in stages} == {"lamp"}
+
+
+def test_text_pasted_into_a_form_is_read_like_a_file():
+    (run,) = parse_runs("base: laptop\ntask: lamp\nseed: 3\n", "the form")
+    assert (run.task, run.seed, run.train.diffusion.training.steps) == ("lamp", 3, 8000)
+    with pytest.raises(ConfigError, match=r"^the form, line 2: seed: must be a whole number, got True$"):
+        parse_runs("task: lamp\nseed: true\n", "the form")
+    with pytest.raises(ConfigError, match="the form: line 2: the key 'seed' is there already, in line 1"):
+        parse_runs("seed: 1\nseed: 2\n", "the form")
+    with pytest.raises(ConfigError, match="the form: it must hold a mapping"):
+        parse_runs("- 1\n", "the form")
 
 
 def test_configuration_without_a_file_is_read_like_one():
