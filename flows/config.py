@@ -172,11 +172,12 @@ def load_runs(source: Path | str, overrides: Sequence[str] = ()) -> tuple[RunCon
     return runs_of(read_written(source).assigning(overrides), str(source))
 
 
-def parse_runs(content: Mapping[str, Any], origin: str, overrides: Sequence[str] = ()) -> tuple[RunConfig, ...]:
+def parse_runs(content: Mapping[str, Any] | str, origin: str, overrides: Sequence[str] = ()) -> tuple[RunConfig, ...]:
     """The same for a configuration that stands in no file, such as one pasted into a form.
 
     Args:
-        content: What a file would hold; paths in it must be absolute, a base may be the name of a preset.
+        content: What a file would hold, as keys and values or as YAML; paths in it must be absolute, a base may be the
+            name of a preset.
         origin: What to call it in errors.
         overrides: Values that go first, as ``dotted.key=value``.
 

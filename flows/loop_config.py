@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -28,7 +29,7 @@ from stages.select import SelectConfig
 from stages.train import TrainConfig
 
 MOST_ROUNDS = 100
-LONGEST_PATH = 4096
+LONGEST_PATH, LONGEST_NAME = 4000, 255
 
 
 class ChunkedConfig(TrainConfig):
@@ -117,7 +118,7 @@ class LoopConfig(StrictConfig):
     def _says_the_task_once(cls, content: Any) -> Any:
         for section, own in content.items() if isinstance(content, Mapping) else ():
             if isinstance(own, Mapping) and "task" in own and section != "mix":
-                raise ValueError(f"{printable(section)}.task: the task is said once, at the top: task: TASK")
+                raise ValueError(f"{printable(section)}.task: the task is said once, at the top of the configuration")
         return content
 
     @field_validator("name")
@@ -130,7 +131,13 @@ class LoopConfig(StrictConfig):
     @field_validator("logs", "labels")
     @classmethod
     def _can_be_a_path(cls, path: Path | None) -> Path | None:
-        if path is not None and ("\0" in str(path) or len(str(path)) > LONGEST_PATH):
+        if path is None:
+            return None
+        try:
+            parts = [os.fsencode(part) for part in path.parts]
+        except UnicodeEncodeError:
+            parts = [b"\0"]
+        if b"\0" in b"".join(parts) or len(str(path)) > LONGEST_PATH or max(map(len, parts), default=0) > LONGEST_NAME:
             raise ValueError("must be the path of a file or folder")
         return path
 

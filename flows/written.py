@@ -11,7 +11,7 @@ from flows.shipped import CONFIGS, find_configuration, find_preset, is_name, nam
 from juicer.config import read_document
 from juicer.errors import ConfigError
 from juicer.text import printable
-from juicer.yaml_reading import MOST_DEPTH, Keys, UnreadableYaml, check_plain, read_yaml
+from juicer.yaml_reading import MOST_DEPTH, Document, Keys, UnreadableYaml, check_plain, read_yaml
 
 BASE_KEY, TASKS_KEY, KIND_KEY = "base", "tasks", "kind"
 PATH_KEYS = ("logs", "labels")
@@ -96,22 +96,34 @@ def read_written(source: Path | str) -> Written:
     if is_name(text):
         return _over_base(*_from_file(find_configuration(text)))
     path = _path(text, Path(), "the configuration", "it")
-    if path.stem in names(CONFIGS) and not path.exists():
+    if path.stem in names(CONFIGS) and not _exists(path):
         raise ConfigError(f"config file '{path}' does not exist; the one that comes with juicer is run as {path.stem}")
     return _over_base(*_from_file(path))
 
 
-def take_written(content: Mapping[str, Any], origin: str) -> Written:
+def take_written(content: Mapping[str, Any] | str, origin: str) -> Written:
     """A configuration that stands in no file, laid over its base; paths in it must be absolute.
 
+    Args:
+        content: Its keys and values, or YAML.
+        origin: What to call it in errors.
+
     Raises:
-        ConfigError: If it is too large, or a path is relative.
+        ConfigError: If it is not valid YAML, too large, or a path is relative.
     """
     try:
-        check_plain(content)
+        if isinstance(content, str):
+            document = read_yaml(content)
+        else:
+            check_plain(content)
+            document = Document(content, {})
     except UnreadableYaml as error:
         raise ConfigError(f"{origin}: {error}") from None
-    return _over_base(Written(_with_paths(content, None, origin)), None)
+    values = {} if document.value is None else document.value
+    if not isinstance(values, Mapping):
+        raise ConfigError(f"{origin}: it must hold a mapping of keys to values")
+    places = {keys: f"{origin}, line {line}" for keys, line in document.lines.items() if keys}
+    return _over_base(Written(_with_paths(values, None, origin), places), None)
 
 
 def _from_file(path: Path) -> tuple[Written, Path]:
@@ -148,7 +160,14 @@ def _find_base(text: Any, folder: Path | None, origin: str) -> Path:
         return find_preset(text)
     path = _path(text, folder, origin, BASE_KEY)
     # What the examples show works from any folder.
-    return path if path.exists() else shipped_path(text) or path
+    return path if _exists(path) else shipped_path(text) or path
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # the name is too long, or a folder may not be looked into
+        return False
 
 
 def _path(text: str, folder: Path | None, origin: str, key: str) -> Path:

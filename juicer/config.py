@@ -59,18 +59,19 @@ def read_document(path: Path) -> Document:
     Raises:
         ConfigError: If the file is missing, cannot be read, or holds something else.
     """
+    shown = printable(path, 500)
     try:
         document = read_yaml(read_bounded(path, MOST_BYTES))
     except FileNotFoundError:
-        raise ConfigError(f"config file '{path}' does not exist") from None
+        raise ConfigError(f"config file '{shown}' does not exist") from None
     except UnreadableYaml as error:
-        raise ConfigError(f"config file '{path}' cannot be read: {error}") from None
+        raise ConfigError(f"config file '{shown}' cannot be read: {error}") from None
     except OSError as error:
-        raise ConfigError(f"config file '{path}' cannot be read: {error.strerror or error}") from None
+        raise ConfigError(f"config file '{shown}' cannot be read: {error.strerror or error}") from None
     if document.value is None:
         return Document({}, {})
     if not isinstance(document.value, dict):
-        raise ConfigError(f"config file '{path}' must hold a mapping of keys to values")
+        raise ConfigError(f"config file '{shown}' must hold a mapping of keys to values")
     return document
 
 

@@ -101,8 +101,13 @@ def _message(details: ErrorDetails) -> tuple[str, str]:
         example = f", e.g. [{show(given)}]" if isinstance(given, int | float | str) else ""
         return f"must be a list{example}", ""
     if kind in _WORDS:
-        return _WORDS[kind].format(**context), ""
+        limits = {name: _plain_number(value) for name, value in context.items()}
+        return _WORDS[kind].format(**limits), ""
     return printable(details["msg"]), ""
+
+
+def _plain_number(value: Any) -> Any:
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def _said_keys(location: Sequence[str | int], content: Any) -> tuple[str | int, ...]:

@@ -173,8 +173,7 @@ class _Reader:
             return self._alias(event, line)
         self._count(1)
         assert isinstance(event, yaml.ScalarEvent | yaml.CollectionStartEvent)
-        if event.tag is not None:
-            raise UnreadableYaml(f"line {line}: tags such as '{printable(event.tag)}' have no meaning here")
+        _refuse_tag(event)
         if event.anchor is not None:
             self.anchors[event.anchor] = None
         if isinstance(event, yaml.ScalarEvent):
@@ -231,6 +230,7 @@ class _Reader:
         where = f"line {_line(event)}: "
         if not isinstance(event, yaml.ScalarEvent):
             raise UnreadableYaml(f"{where}a key must be a word, not a list or a mapping")
+        _refuse_tag(event)
         key = _scalar(event)
         _check_key(key, where)
         return str(key)
@@ -253,6 +253,11 @@ def _check_key(key: Any, where: str) -> None:
         raise UnreadableYaml(f"{where}a key must be a word, got {printable(repr(key))}")
     if len(key) > LONGEST_KEY or printable(key) != key:
         raise UnreadableYaml(f"{where}'{printable(key, 40)}' is no key: it is too long, or holds control characters")
+
+
+def _refuse_tag(event: yaml.ScalarEvent | yaml.CollectionStartEvent) -> None:
+    if event.tag is not None:
+        raise UnreadableYaml(f"line {_line(event)}: tags such as '{printable(event.tag)}' have no meaning here")
 
 
 def _scalar(event: yaml.ScalarEvent) -> Any:

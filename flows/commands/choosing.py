@@ -91,5 +91,8 @@ class Choice:
         known = [run.task for run in runs]
         for task in self.tasks:
             if task not in known:
-                raise ConfigError(f"the configuration has no task '{task}'{did_you_mean(task, known)}")
+                remedy = (
+                    f"; --set task={task} makes it one of that task" if len(runs) == 1 else did_you_mean(task, known)
+                )
+                raise ConfigError(f"the configuration has no task '{task}'{remedy}")
         return [run.narrowed(self.conditions, self.seeds) for run in runs if not self.tasks or run.task in self.tasks]

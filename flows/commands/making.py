@@ -15,7 +15,7 @@ from flows.repair import repair
 from flows.settings import read_settings
 from flows.store import open_store
 from juicer.config import parse_config
-from juicer.errors import ConfigError, WrongArtifactKind
+from juicer.errors import ConfigError, InvalidCheckpoint, WrongArtifactKind
 from juicer.tasks.registry import get_task
 
 if TYPE_CHECKING:
@@ -61,7 +61,9 @@ def evaluate_checkpoint(
 
 
 def _only_task(store: ArtifactStore, checkpoint: ArtifactRef) -> str:
-    tasks = store.manifest(checkpoint).summary["tasks"]
+    tasks = store.manifest(checkpoint).summary.get("tasks")
+    if not isinstance(tasks, list) or not tasks:
+        raise InvalidCheckpoint(f"{checkpoint} does not say what it was trained for; choose a task with --task")
     if len(tasks) > 1:
         raise ConfigError(f"{checkpoint} was trained for {', '.join(tasks)}; choose one with --task")
     return str(tasks[0])

@@ -10,7 +10,7 @@ import typer
 
 from juicer.text import printable
 
-LONGEST_MESSAGE = 2000
+LONGEST_MESSAGE = 10_000
 
 
 def say(text: str) -> None:

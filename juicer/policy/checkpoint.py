@@ -6,24 +6,29 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import ValidationError
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+import torch
+from pydantic import Field, ValidationError
+from safetensors.torch import save_file
 from torch import Tensor
 
 from juicer.config import StrictConfig
 from juicer.errors import InvalidCheckpoint
-from juicer.policy.config import FeatureSpec, PolicyConfig
+from juicer.policy.config import MOST_PARAMETERS, MOST_TASKS, FeatureSpec, PolicyConfig
 from juicer.policy.network import PolicyNetwork, build_policy
 from juicer.policy.policy import TrainedPolicy
 from juicer.policy.refusals import refusals_as_os_errors
 from juicer.policy.replay import REPLAY_FILE, ReplayPolicy, load_replay
+from juicer.policy.tensor_files import opened_tensors
+from juicer.problems import first_problem, show
+from juicer.reading import read_bounded
+from juicer.text import printable
 
 SCHEMA_VERSION = 4
 POLICY_FILE = "policy.json"
 WEIGHT_FILES = {"raw": "weights.safetensors", "ema": "ema.safetensors"}
+MOST_METADATA_BYTES = 1_000_000
 
 
 class CheckpointMetadata(StrictConfig):
@@ -37,11 +42,13 @@ class CheckpointMetadata(StrictConfig):
         step: Training steps taken.
     """
 
-    schema_version: int = SCHEMA_VERSION
+    schema_version: int = Field(default=SCHEMA_VERSION, ge=1, le=1000)
     policy: PolicyConfig
-    tasks: dict[str, FeatureSpec]
+    tasks: dict[Annotated[str, Field(pattern=r"^\w[\w.-]*$", max_length=100)], FeatureSpec] = Field(
+        min_length=1, max_length=MOST_TASKS
+    )
     acting_weights: Literal["raw", "ema"]
-    step: int
+    step: int = Field(ge=0, le=10**9)
 
 
 @dataclass(frozen=True)
@@ -85,18 +92,20 @@ def save_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
 
 
 def load_checkpoint(folder: Path) -> Checkpoint:
-    """Read a checkpoint folder.
+    """Read a checkpoint folder, which anybody may have written: nothing is built before it is known to be sensible.
 
     Raises:
-        InvalidCheckpoint: If a file is missing or damaged, or of a schema this version cannot read.
+        InvalidCheckpoint: If a file is missing, damaged, too large, of a schema this version cannot read, or not what
+            the configuration of the policy says.
     """
     metadata = _read_metadata(folder / POLICY_FILE)
+    expected = _expected_weights(metadata)
     ema = folder / WEIGHT_FILES["ema"]
     needs_ema = metadata.acting_weights == "ema"
     return Checkpoint(
         metadata=metadata,
-        weights=_read_weights(folder / WEIGHT_FILES["raw"]),
-        ema=_read_weights(ema) if needs_ema or ema.exists() else None,
+        weights=_read_weights(folder / WEIGHT_FILES["raw"], expected),
+        ema=_read_weights(ema, expected) if needs_ema or ema.exists() else None,
     )
 
 
@@ -115,27 +124,34 @@ def load_policy(
         InvalidCheckpoint: See :func:`load_checkpoint`; or if the policy was not trained for the task.
         ConfigError: If there is no such device.
     """
-    if (replay := folder / REPLAY_FILE).exists():
+    if (replay := folder / REPLAY_FILE).exists() or replay.is_symlink():
         return load_replay(replay, task, max_steps)
     return load_checkpoint(folder).policy(task, device)
 
 
 def _read_metadata(path: Path) -> CheckpointMetadata:
+    if path.is_symlink():
+        raise InvalidCheckpoint(f"'{path}' is a link; a checkpoint holds its files itself")
     try:
-        content = json.loads(path.read_text())
+        content = json.loads(read_bounded(path, MOST_METADATA_BYTES), object_pairs_hook=_without_duplicates)
     except FileNotFoundError:
         raise InvalidCheckpoint(f"'{path.parent}' is no checkpoint: it has no {POLICY_FILE}") from None
-    except (OSError, ValueError) as error:
-        raise InvalidCheckpoint(f"'{path}' cannot be read: {error}") from None
+    except OSError as error:
+        raise InvalidCheckpoint(f"'{path}' cannot be read: {error.strerror or error}") from None
+    except RecursionError:
+        raise InvalidCheckpoint(f"'{path}' cannot be read: it is nested too deep") from None
+    except ValueError as error:
+        raise InvalidCheckpoint(f"'{path}' cannot be read: {printable(error)}") from None
     version = content.get("schema_version") if isinstance(content, dict) else None
-    if version != SCHEMA_VERSION:
-        raise InvalidCheckpoint(f"'{path}' has schema version {version}, this version of juicer reads {SCHEMA_VERSION}")
+    if type(version) is not int or version != SCHEMA_VERSION:
+        raise InvalidCheckpoint(
+            f"'{path}' has schema version {show(version)}, this version of juicer reads {SCHEMA_VERSION}"
+        )
     try:
         return CheckpointMetadata.model_validate(content)
     except ValidationError as error:
-        problem = error.errors()[0]
-        where = ".".join(str(part) for part in problem["loc"])
-        raise InvalidCheckpoint(f"'{path}' is not valid: {where}: {problem['msg']}") from None
+        problem = first_problem(error, content, CheckpointMetadata)
+        raise InvalidCheckpoint(f"'{path}' is not valid: {problem.sentence}") from None
 
 
 def _write_weights(path: Path, weights: Mapping[str, Tensor]) -> None:
@@ -143,11 +159,46 @@ def _write_weights(path: Path, weights: Mapping[str, Tensor]) -> None:
         save_file(dict(weights), path)
 
 
-def _read_weights(path: Path) -> dict[str, Tensor]:
-    try:
-        return load_file(path)
-    except (OSError, SafetensorError) as error:
-        raise InvalidCheckpoint(f"weights '{path}' cannot be read: {error}") from None
+def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        raise ValueError("a key is there twice")
+    return content
+
+
+def _expected_weights(metadata: CheckpointMetadata) -> Mapping[str, Tensor]:
+    """State that a network of this configuration has, without memory behind it."""
+    with torch.device("meta"):
+        expected = PolicyNetwork(metadata.policy, metadata.tasks).state_dict()
+    size = sum(tensor.numel() for tensor in expected.values())
+    if size > MOST_PARAMETERS:
+        raise InvalidCheckpoint(f"a policy of {size:,} weights is too large; at most {MOST_PARAMETERS:,} are taken")
+    return expected
+
+
+def _read_weights(path: Path, expected: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Weights from a file.
+
+    Raises:
+        InvalidCheckpoint: If names, shapes or types are others than expected, or a weight is not finite.
+    """
+    with opened_tensors(path, "pt", sum(tensor.nbytes for tensor in expected.values())) as file:
+        if strange := sorted(set(file.keys()) ^ set(expected)):
+            raise _misfit(path, f"'{printable(strange[0])}' is {'missing' if strange[0] in expected else 'too much'}")
+        for name, tensor in expected.items():
+            if (shape := tuple(file.get_slice(name).get_shape())) != tensor.shape:
+                raise _misfit(path, f"'{name}' has shape {shape}, not {tuple(tensor.shape)}")
+        weights = {name: file.get_tensor(name) for name in expected}
+    for name, tensor in weights.items():
+        if tensor.dtype != expected[name].dtype:
+            raise _misfit(path, f"'{name}' is of type {tensor.dtype}, not {expected[name].dtype}")
+        if not bool(tensor.isfinite().all()):
+            raise InvalidCheckpoint(f"weights '{path}' cannot be used: '{name}' holds numbers that are not finite")
+    return weights
+
+
+def _misfit(path: Path, difference: str) -> InvalidCheckpoint:
+    return InvalidCheckpoint(f"'{path}' does not fit its own configuration: {difference}")
 
 
 def _fill(network: PolicyNetwork, weights: Mapping[str, Tensor], origin: str) -> None:

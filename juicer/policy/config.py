@@ -15,7 +15,7 @@ UNET_LENGTH_MULTIPLE = 4
 MOST_PARAMETERS = 500_000_000
 """Learned weights of the largest policy: 2 GB in fp32, seven times the paper's."""
 
-MOST_PARTS = 64
+MOST_PARTS, MOST_PAIRS, MOST_TARGETS, MOST_TASKS = 64, 32, 16, 16
 MOST_HORIZON = 1024
 MOST_BLOCKS = 64
 _TYPICAL_FEATURES = 256
@@ -58,7 +58,7 @@ class PairSpec(StrictConfig):
     first: int = Field(ge=0, lt=MOST_PARTS)
     second: int = Field(ge=0, lt=MOST_PARTS)
     target: Target
-    also_at: tuple[Target, ...] = Field(default=(), max_length=MOST_PARTS)
+    also_at: tuple[Target, ...] = Field(default=(), max_length=MOST_TARGETS)
     any_rotation: bool = False
 
 
@@ -73,7 +73,7 @@ class FeatureSpec(StrictConfig):
     """
 
     num_parts: int = Field(gt=0, le=MOST_PARTS)
-    pairs: tuple[PairSpec, ...] = Field(min_length=1, max_length=MOST_PARTS)
+    pairs: tuple[PairSpec, ...] = Field(min_length=1, max_length=MOST_PAIRS)
     mounted_m: float = Field(gt=0, le=10)
     mounted_cosine: float = Field(ge=-1, le=1)
 

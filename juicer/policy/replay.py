@@ -12,16 +12,25 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save_file
 
-from juicer.errors import InvalidCheckpoint
+from juicer.episode import ACTION_SIZE
+from juicer.errors import InvalidCheckpoint, InvalidObservation
 from juicer.geometry import quat_to_matrix, rotation_angle
+from juicer.policy.config import MOST_PARTS
 from juicer.policy.refusals import refusals_as_os_errors
+from juicer.policy.tensor_files import opened_tensors
+from juicer.text import printable
 
 REPLAY_FILE = "replay.safetensors"
 RADIAN_M = 0.05
 """Metres that a radian of rotation counts for when initial states are compared: about half a part's length."""
+
+MOST_BYTES = 500_000_000
+"""Ten thousand demonstrations of a thousand steps."""
+MOST_EPISODE_STEPS = 100_000
+TENSORS = {"first_poses": ("f", 2), "actions": ("f", 2), "ends": ("i", 1), "parts": ("i", 1), "steps": ("i", 0)}
+"""Kind of number and dimensions of each array in the file."""
 
 
 class ReplayPolicy:
@@ -59,7 +68,14 @@ class ReplayPolicy:
     def predict(
         self, observations: Mapping[str, NDArray[Any]], streams: Sequence[np.random.Generator]
     ) -> NDArray[np.float32]:
-        """Actions ``(N, steps, 10)``, absolute, for episodes at their first step; no noise is drawn."""
+        """Actions ``(N, steps, 10)``, absolute, for episodes at their first step; no noise is drawn.
+
+        Raises:
+            InvalidObservation: If they show another number of parts than the demonstrations.
+        """
+        given, known = observations["part_poses"].shape[-1] // 7, self._first_poses.shape[1] // 7
+        if given != known:
+            raise InvalidObservation(f"the demonstrations to replay show {known} parts, the observations {given}")
         return np.stack([self._padded(self._nearest(poses)) for poses in observations["part_poses"][:, -1]])
 
     def _nearest(self, poses: NDArray[Any]) -> int:
@@ -96,17 +112,38 @@ def load_replay(path: Path, task: str, max_steps: int | None = None) -> ReplayPo
         max_steps: Steps that an episode may take, if they may be more than when the policy was saved.
 
     Raises:
-        InvalidCheckpoint: If the file cannot be read, or its demonstrations show another task.
+        InvalidCheckpoint: If the file cannot be read, contradicts itself, or its demonstrations show another task.
     """
-    try:
-        with safe_open(path, framework="numpy") as file:
-            shown = (file.metadata() or {})["task"]
-            content = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no mapping)
+    with opened_tensors(path, "numpy", MOST_BYTES) as file:
+        shown = (file.metadata() or {}).get("task")
         if shown != task:
-            raise InvalidCheckpoint(f"the demonstrations to replay show '{shown}', not '{task}'")
-        actions = np.split(content["actions"], content["ends"][:-1])
-        # A second chunk would begin the demonstration anew.
-        steps = max(int(content["steps"]), max_steps or 0)
-        return ReplayPolicy(content["first_poses"], actions, content["parts"].tolist(), steps)
-    except (OSError, KeyError, ValueError, SafetensorError) as error:
-        raise InvalidCheckpoint(f"demonstrations to replay in '{path}' cannot be read: {error}") from None
+            raise InvalidCheckpoint(f"the demonstrations to replay show '{printable(shown)}', not '{task}'")
+        # A missing one is told; those that nobody asks for are not read.
+        content = {name: file.get_tensor(name) for name in TENSORS}
+    if problem := _problem(content):
+        raise InvalidCheckpoint(f"demonstrations to replay in '{path}' cannot be used: {problem}")
+    actions = np.split(content["actions"], content["ends"][:-1])
+    # A second chunk would begin the demonstration anew.
+    steps = max(int(content["steps"]), max_steps or 0)
+    return ReplayPolicy(content["first_poses"], actions, content["parts"].tolist(), steps)
+
+
+def _problem(content: Mapping[str, NDArray[Any]]) -> str | None:
+    """What is wrong with the arrays of a file, if anything is."""
+    for name, (kind, dimensions) in TENSORS.items():
+        array = content[name]
+        if array.dtype.kind != kind or array.ndim != dimensions:
+            return f"'{name}' is of type {array.dtype} and shape {array.shape}"
+        if not np.isfinite(array).all():
+            return f"'{name}' holds numbers that are not finite"
+    ends, poses, parts = content["ends"], content["first_poses"], content["parts"]
+    num_parts, rest = divmod(poses.shape[1], 7)
+    if not 1 <= len(ends) == len(poses) or rest or not 1 <= num_parts <= MOST_PARTS:
+        return f"{len(ends)} demonstrations, but first poses of shape {poses.shape}"
+    if ends.min() < 1 or np.any(np.diff(ends) <= 0) or content["actions"].shape != (ends[-1], ACTION_SIZE):
+        return "its demonstrations do not end where its actions do"
+    if not 1 <= len(parts) <= num_parts or len(set(parts.tolist())) < len(parts):
+        return f"{len(parts)} of {num_parts} parts matter, or one of them twice"
+    if parts.min() < 0 or parts.max() >= num_parts:
+        return f"a part beyond the {num_parts} that there are"
+    return None if 1 <= content["steps"] <= MOST_EPISODE_STEPS else f"{content['steps']} steps an episode"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, WithJsonSchema
+from pydantic import AfterValidator, Field, WithJsonSchema
 
 from juicer.errors import ConfigError
 from juicer.tasks.registry import TASK_NAMES, get_task
@@ -17,5 +17,10 @@ def _known(name: str) -> str:
         raise ValueError(str(error)) from None
 
 
-TaskName = Annotated[str, AfterValidator(_known), WithJsonSchema({"type": "string", "enum": list(TASK_NAMES)})]
+TaskName = Annotated[
+    str,
+    Field(max_length=100),
+    AfterValidator(_known),
+    WithJsonSchema({"type": "string", "enum": list(TASK_NAMES)}),
+]
 """Name of a registered task; a choice in forms."""

@@ -3,7 +3,8 @@ from pydantic import ValidationError
 
 from juicer.config import parse_config
 from juicer.errors import ConfigError
-from juicer.policy.config import HorizonConfig, MLPConfig, PolicyConfig, UNetConfig
+from juicer.policy.config import HorizonConfig, MLPConfig, PolicyConfig, UNetConfig, rough_parameters
+from juicer.policy.network import build_policy
 
 
 def test_the_defaults_are_the_paper_policy():
@@ -27,6 +28,20 @@ def test_a_setting_of_another_head_is_refused():
 def test_a_chunk_must_cover_what_is_executed():
     with pytest.raises(ValidationError, match="must not exceed pred"):
         HorizonConfig(obs=2, pred=8, action=8)
+
+
+@pytest.mark.parametrize(
+    "head", [{"kind": "diffusion"}, {"kind": "mlp"}, {"denoiser": {"kind": "mlp"}, "kind": "diffusion"}]
+)
+def test_the_size_of_a_policy_is_known_to_within_a_twentieth_before_it_is_built(head, spec):
+    config = parse_config({"head": head}, PolicyConfig, origin="test")
+    assert rough_parameters(config) == pytest.approx(build_policy(config, {"toy": spec}, 0).num_parameters, rel=0.05)
+
+
+def test_a_policy_larger_than_memory_is_refused():
+    channels = {"kind": "diffusion", "denoiser": {"kind": "unet", "channels": [4096, 8192, 16384]}}
+    with pytest.raises(ConfigError, match=r"a policy of about .* weights is too large; at most 500,000,000 are taken"):
+        parse_config({"head": channels}, PolicyConfig, origin="test")
 
 
 def test_a_unet_needs_a_length_it_can_halve_twice():

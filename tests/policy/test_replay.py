@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from juicer.errors import InvalidCheckpoint
+from juicer.errors import InvalidCheckpoint, InvalidObservation
 from juicer.policy.checkpoint import load_policy
 from juicer.policy.replay import REPLAY_FILE, ReplayPolicy
 
@@ -58,6 +58,11 @@ def test_demonstrations_of_another_task_are_refused(policy, tmp_path):
     policy.save(tmp_path, "toy")
     with pytest.raises(InvalidCheckpoint, match="show 'toy', not 'lamp'"):
         load_policy(tmp_path, "lamp")
+
+
+def test_observations_of_another_number_of_parts_are_refused(policy):
+    with pytest.raises(InvalidObservation, match="show 2 parts, the observations 4"):
+        play(policy, np.concatenate([poses(0.0), poses(0.0)]))
 
 
 def test_last_action_is_held_however_long_the_episode_may_take(policy, tmp_path):

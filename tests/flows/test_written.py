@@ -1,0 +1,197 @@
+"""Where a configuration comes from: files, bases and names, and what each value was written in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from flows.config import load_runs, parse_runs
+from flows.shipped import CONFIGS, PRESETS, names
+from flows.written import read_written
+from juicer.errors import ConfigError
+
+
+def write(path: Path, text: str) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+def test_paths_are_relative_to_the_file_they_are_written_in(tmp_path, monkeypatch):
+    base = write(tmp_path / "team" / "base.yaml", "logs: recordings\nlabels: labels.csv\n")
+    mine = write(tmp_path / "mine" / "run.yaml", "base: ../team/base.yaml\nlabels: own.csv\n")
+    monkeypatch.chdir(tmp_path)
+    for source in (mine, "mine/run.yaml"):
+        (run,) = load_runs(source)
+        assert run.logs.resolve() == base.parent / "recordings"
+        assert run.labels == mine.parent / "own.csv"
+    (run,) = load_runs(mine, ["logs=here"])
+    assert run.logs == tmp_path / "here"
+
+
+def test_home_is_understood_in_every_path(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    write(tmp_path / "base.yaml", "rounds: 3\n")
+    path = write(tmp_path / "mine" / "run.yaml", "base: ~/base.yaml\nlogs: ~/logs\n")
+    (run,) = load_runs("~/mine/run.yaml", ["labels=~/labels.csv"])
+    assert (run.rounds, run.logs, run.labels) == (3, tmp_path / "logs", tmp_path / "labels.csv")
+    assert load_runs(path)[0].rounds == 3
+
+
+def test_paths_of_single_tasks_follow_the_same_rule(tmp_path):
+    path = write(tmp_path / "run.yaml", "tasks: {one_leg: {logs: a}, lamp: {logs: /b, labels: c.csv}}\n")
+    first, second = load_runs(path, ["tasks.one_leg.labels=d.csv"])
+    assert (first.logs, first.labels) == (tmp_path / "a", Path.cwd() / "d.csv")
+    assert (second.logs, second.labels) == (Path("/b"), tmp_path / "c.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("logs: ''\n", "logs must be the path of a file or folder"),
+        ('logs: "a\\0b"\n', "logs must be the path of a file or folder"),
+        ("logs: 3\n", "logs: must be the path of a file or folder, got 3"),
+        ("logs: ~nobody-here/x\n", "there is no such user"),
+        ("base: 3\n", "base must be the name of a preset"),
+        ("base: [laptop]\n", "base must be the name of a preset"),
+        ("base: ''\n", "base must be the name of a preset"),
+        ("base: labtop\n", "no preset that comes with juicer is called 'labtop'; did you mean 'laptop'"),
+        ("base: .\n", "no preset that comes with juicer is called '.'"),
+        ("base: ./\n", "it is not a plain file"),
+        ("base: /dev/zero\n", "it is not a plain file"),
+        ("base: demo\n", "is a base itself"),
+    ],
+)
+def test_what_is_no_path_is_told(tmp_path, text, message):
+    with pytest.raises(ConfigError, match=message):
+        load_runs(write(tmp_path / "run.yaml", text))
+
+
+@pytest.mark.parametrize("name", names(CONFIGS))
+def test_configuration_that_comes_along_runs_by_its_name_from_anywhere(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert load_runs(name) == load_runs(CONFIGS / f"{name}.yaml")
+
+
+@pytest.mark.parametrize("name", names(PRESETS))
+def test_preset_is_a_base_by_its_name_from_anywhere(name, tmp_path):
+    by_name = load_runs(write(tmp_path / "a.yaml", f"base: {name}\n"))
+    assert by_name == load_runs(write(tmp_path / "b.yaml", f"base: presets/{name}.yaml\n"))
+    assert by_name == load_runs(write(tmp_path / "c.yaml", f"base: {PRESETS / name}.yaml\n"))
+
+
+def test_file_of_ones_own_goes_before_what_comes_along(tmp_path):
+    write(tmp_path / "presets" / "laptop.yaml", "rounds: 7\n")
+    (run,) = load_runs(write(tmp_path / "run.yaml", "base: presets/laptop.yaml\n"))
+    assert run.rounds == 7
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        (
+            "dmeo",
+            "no configuration that comes with juicer is called 'dmeo'; did you mean 'demo'; a file .*",
+        ),
+        ("", "no configuration"),
+        ("elsewhere/demo.yaml", "elsewhere/demo.yaml' does not exist; the one that comes with juicer is run as demo"),
+        ("~nobody-here/run.yaml", "there is no such user"),
+        ("a\0b.yaml", "must be the path"),
+        ("/dev/zero.yaml", "does not exist"),
+    ],
+)
+def test_unknown_configuration_is_told_with_the_nearest(source, message):
+    with pytest.raises(ConfigError, match=message):
+        load_runs(source)
+
+
+def test_every_value_knows_where_it_was_written(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "base.yaml", "rounds: 2\nrecord:\n  seed: 1\n  first: 5\nselect: {longest: 2.0}\n")
+    path = write(tmp_path / "run.yaml", "base: base.yaml\nrecord:\n  seed: 2\n")
+    written = read_written(path).assigning(["evaluate.episodes=3"])
+    assert written.place(("rounds",)) == "base.yaml:1"
+    assert written.place(("record", "seed")) == f"{'run.yaml'}:3"
+    assert written.place(("record", "first")) == "base.yaml:4"
+    assert written.place(("select", "longest")) == "base.yaml:5"
+    assert written.place(("evaluate", "episodes")) == "--set"
+    assert written.place(("collect", "seed")) is None
+
+
+def test_mistake_is_told_with_its_file_and_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "base.yaml", "rounds: 2\nrecord:\n  seed: -1\n")
+    path = write(tmp_path / "run.yaml", "base: base.yaml\nname: mine\n")
+    with pytest.raises(ConfigError, match=r"^base\.yaml:3: record\.seed: must be at least 0, got -1$"):
+        load_runs(path)
+    with pytest.raises(ConfigError, match=r"^--set: record\.seed: must be a whole number, got True$"):
+        load_runs(path, ["record.seed=true"])
+
+
+def test_an_override_changes_what_it_names_and_not_what_an_alias_repeats(tmp_path):
+    text = "train:\n  diffusion: {training: &t {steps: 700}}\n  mlp_chunked: {training: *t}\n"
+    (run,) = load_runs(write(tmp_path / "run.yaml", text), ["train.diffusion.training.steps=900"])
+    assert run.train.diffusion.training.steps == 900
+    assert run.train.mlp_chunked.training.steps == 700
+
+
+def test_network_of_another_kind_replaces_that_of_the_base(tmp_path):
+    text = "base: laptop\ntrain: {diffusion: {policy: {head: {denoiser: {kind: unet}}}}}\n"
+    (run,) = load_runs(write(tmp_path / "run.yaml", text))
+    head = run.train.diffusion.policy.head
+    assert (head.denoiser.kind, head.prediction) == ("unet", "sample")
+
+
+def test_task_is_said_once(tmp_path):
+    for section in ("record", "ingest", "collect", "evaluate", "train", "annotate"):
+        path = write(tmp_path / "run.yaml", f"task: lamp\n{section}: {{task: one_leg}}\n")
+        with pytest.raises(
+            ConfigError, match=rf"{section}\.task: the task is said once, at the top of the configuration"
+        ):
+            load_runs(path)
+    with pytest.raises(ConfigError, match=r"run\.yaml:1: task: unknown task 'lmap'; did you mean 'lamp'\?"):
+        load_runs(write(tmp_path / "run.yaml", "task: lmap\n"))
+    with pytest.raises(ConfigError, match=r"randomness: must be one of low, med, high, got 'lo'; did you mean 'low'\?"):
+        load_runs(write(tmp_path / "run.yaml", "randomness: lo\n"))
+
+
+def test_a_form_cannot_name_another_task_than_it_trains():
+    (run,) = parse_runs({"task": "lamp", "base": "smoke"}, "the form")
+    stages = (run.recording, run.ingestion, run.collection(0, 1), run.evaluation)
+    assert {stage.task for stage in stages} == {"lamp"}
+
+
+def test_text_pasted_into_a_form_is_read_like_a_file():
+    (run,) = parse_runs("base: laptop\ntask: lamp\nseed: 3\n", "the form")
+    assert (run.task, run.seed, run.train.diffusion.training.steps) == ("lamp", 3, 8000)
+    with pytest.raises(ConfigError, match=r"^the form, line 2: seed: must be a whole number, got True$"):
+        parse_runs("task: lamp\nseed: true\n", "the form")
+    with pytest.raises(ConfigError, match="the form: line 2: the key 'seed' is there already, in line 1"):
+        parse_runs("seed: 1\nseed: 2\n", "the form")
+    with pytest.raises(ConfigError, match="the form: it must hold a mapping"):
+        parse_runs("- 1\n", "the form")
+
+
+def test_configuration_without_a_file_is_read_like_one():
+    (run,) = parse_runs({"base": "laptop", "seed": 3, "logs": "/logs"}, "the form", ["seed=4"])
+    assert (run.seed, run.logs) == (4, Path("/logs"))
+    assert run.train.diffusion.training.steps == 8000
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"logs": "recordings"}, "the form: logs must be an absolute path, as it stands in no file"),
+        ({"base": "./mine.yaml"}, "base must be an absolute path"),
+        ({"base": "lpatop"}, "did you mean 'laptop'"),
+        ({"seeds": [1]}, "the form: unknown key 'seeds'; did you mean 'seed'"),
+        ({"record": {"seed": True}}, "the form: record.seed: must be a whole number, got True"),
+        ({1: 2}, "the form: a key must be a word, got 1"),
+        ({"record": {"a" * 1000: 1}}, "is no key"),
+        ({"mix": {"lamp": {}}}, "unknown key 'mix'"),
+    ],
+)
+def test_mistake_in_a_form_is_told_in_a_sentence(content, message):
+    with pytest.raises(ConfigError, match=message):
+        parse_runs(content, "the form")
