@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import errno
-import os
 import shutil
-import urllib.request
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -452,18 +450,15 @@ def test_a_full_disk_under_the_cache_is_not_blamed_on_the_network(
         elsewhere.open(ref)
 
 
-def test_a_refused_listing_is_not_taken_for_an_empty_store(s3: str, recipe: Recipe, make: Make, tmp_path: Path) -> None:
+def test_a_refused_listing_is_not_taken_for_an_empty_store(
+    s3: str, recipe: Recipe, make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = pytest.importorskip("moto.settings")
     store = ArtifactStore(f"{s3}/{uuid.uuid4().hex}", cache=tmp_path)
     ref = make(store, recipe)
-    fs = filesystem(store)
-
-    def rights(actions_left: str) -> None:
-        address = f"{os.environ['AWS_ENDPOINT_URL']}/moto-api/reset-auth"
-        urllib.request.urlopen(urllib.request.Request(address, actions_left.encode(), method="POST")).close()
-
-    rights("0")
-    try:
-        fs.invalidate_cache()
+    with monkeypatch.context() as patched:
+        # The server, which runs in this process, knows no user, and from now on asks for one.
+        patched.setattr(settings, "INITIAL_NO_AUTH_ACTION_COUNT", 0)
         for action in (
             store.survey,
             lambda: store.resolve(ref.id),
@@ -472,6 +467,4 @@ def test_a_refused_listing_is_not_taken_for_an_empty_store(s3: str, recipe: Reci
         ):
             with pytest.raises(ArtifactError, match=r"cannot be read: .*; check its address, credentials and network"):
                 action()
-    finally:
-        rights("inf")
     assert store.refs() == [ref]
