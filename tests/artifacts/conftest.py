@@ -128,11 +128,12 @@ def as_nobody() -> AsNobody:
                 os.setuid(NOBODY)
             try:
                 sending.send((function(), None))
-            except Exception as error:
+            except BaseException as error:
                 sending.send((None, error))
 
         process = context.Process(target=work)
         process.start()
+        sending.close()
         result, error = receiving.recv()
         process.join()
         if error is not None:

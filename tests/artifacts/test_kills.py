@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -49,8 +50,14 @@ if moment == "renamed":
     local.sync = die
 if moment == "committed":
     store_module.discard_tree = die
+if moment == "cleared":
+    clear = local.LocalBackend._clear
+    local.LocalBackend._clear = lambda *arguments: (clear(*arguments), die())
+if moment == "replaced":
+    local.discard_tree = lambda path: path.parent.name == "graves" and path.exists() and die()
 
-with ArtifactStore(url).create(Recipe.from_json(content)) as draft:
+replacing = len(sys.argv) > 4
+with ArtifactStore(url).create(Recipe.from_json(content), replacing=replacing) as draft:
     (draft.scratch / "step-100").write_bytes(b"resume from here")
     (draft.path / "a.bin").write_bytes(b"0123456789")
     if moment == "half":
@@ -67,8 +74,9 @@ with ArtifactStore(url).create(Recipe.from_json(content)) as draft:
 """
 
 
-def start(store: ArtifactStore, recipe: Recipe, moment: str) -> subprocess.Popen[str]:
+def start(store: ArtifactStore, recipe: Recipe, moment: str, *, replacing: bool = False) -> subprocess.Popen[str]:
     command = [sys.executable, "-c", CHILD, store.url, json.dumps(recipe.to_json()), moment]
+    command += ["replacing"] if replacing else []
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
 
@@ -101,11 +109,12 @@ def test_killed_after_the_rename_the_artifact_is_whole(
     assert litter(store) == []
 
 
+@pytest.mark.parametrize("kills", [4, pytest.param(25, marks=pytest.mark.slow)])
 def test_killed_at_any_moment_the_artifact_is_absent_or_whole(
-    store: ArtifactStore, recipe: Recipe, litter: Litter
+    store: ArtifactStore, recipe: Recipe, litter: Litter, kills: int
 ) -> None:
     chance = random.Random(0)
-    for attempt in range(4):
+    for attempt in range(kills):
         tried = replace(recipe, config={"attempt": attempt})
         with start(store, tried, "slowly") as child:
             assert child.stdout is not None
@@ -117,6 +126,33 @@ def test_killed_at_any_moment_the_artifact_is_absent_or_whole(
     with start(store, recipe, "") as child:
         assert child.wait() == 0
     assert [path for path in litter(store) if path.startswith("drafts")] == []
+
+
+@pytest.mark.parametrize("moment", ["half", "full", "hashing", "syncing", "manifest", "cleared", "renamed", "replaced"])
+@pytest.mark.parametrize("damaged", [False, True])
+def test_killed_while_an_artifact_is_replaced_nothing_of_it_is_lost(
+    store: ArtifactStore, recipe: Recipe, make: Make, litter: Litter, moment: str, damaged: bool
+) -> None:
+    before = make(store, recipe, {"a.bin": b"old"})
+    old = store.manifest(before)
+    if damaged:
+        (store.cache / str(before) / "a.bin").write_bytes(b"x")
+    with start(store, recipe, moment, replacing=True) as child:
+        child.wait()
+    # Work on something else is the occasion on which what was left is cleared away.
+    make(store, replace(recipe, code="next"))
+    if store.find(recipe) is None:
+        assert damaged
+        assert moment == "cleared"
+    else:
+        is_old = store.manifest(before) == old
+        assert [str(finding) for finding in store.verify(before)] == (
+            ["file 'a.bin' has 1 bytes instead of 3"] if damaged and is_old else []
+        )
+        assert is_old == (moment not in ("renamed", "replaced"))
+    assert [path for path in litter(store) if not path.startswith("scratch")] == []
+    kept = [(Path(aside) / "a.bin").read_bytes() for aside in store.asides(before)]
+    assert kept == ([b"x"] if damaged and moment in ("cleared", "renamed", "replaced") else [])
 
 
 def test_the_draft_of_a_dead_process_is_cleaned_up_by_work_on_another_id(

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import errno
 import os
+import resource
+import signal
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from juicer.artifacts.recipe import Recipe
@@ -24,6 +28,10 @@ ERRORS = {
     errno.EDQUOT: "quota",
     errno.EROFS: "read-only",
     errno.EIO: "input/output error",
+    errno.EFBIG: "a file became larger than this system allows",
+    errno.ENOLCK: "offers no locks",
+    errno.EBUSY: "device or resource busy",
+    errno.EXDEV: "lies on another file system",
     errno.EACCES: "permission is denied",
     errno.EPERM: "permission is denied",
 }
@@ -140,3 +148,141 @@ def test_a_disk_that_is_really_full_commits_nothing_and_recovers(
     assert store.find(recipe) is None
     assert litter(store) == []
     assert make(store, recipe) == recipe.ref
+
+
+def safetensors_of_torch(folder: Path) -> None:
+    import torch
+    from safetensors.torch import save_file
+
+    from juicer.policy.refusals import refusals_as_os_errors
+
+    with refusals_as_os_errors(folder / "weights.safetensors"):
+        save_file({"weights": torch.zeros(2**20)}, folder / "weights.safetensors")
+
+
+def training_state(folder: Path) -> None:
+    import torch
+
+    from juicer.training.state import TrainingState, save_state
+
+    save_state(folder, TrainingState("id", 1, {"weights": torch.zeros(2**20)}))
+
+
+def replayed_demonstrations(folder: Path) -> None:
+    from safetensors.numpy import save_file
+
+    from juicer.policy.refusals import refusals_as_os_errors
+    from juicer.policy.replay import REPLAY_FILE
+
+    with refusals_as_os_errors(folder / REPLAY_FILE):
+        save_file({"actions": np.zeros(2**20)}, folder / REPLAY_FILE)
+
+
+def zarr_and_parquet(folder: Path) -> None:
+    from juicer.episode import ACTION_SIZE, FINAL_KEYS, PROPRIOCEPTION_SIZE, Episode, EpisodeRecord, Outcome, Source
+    from juicer.storage.episodes import write_episodes
+
+    rng = np.random.default_rng(0)
+    shapes = {"proprioception": (PROPRIOCEPTION_SIZE,), "part_poses": (14,), "sim_state": (200,)}
+    shapes |= {"action": (ACTION_SIZE,), "reward": ()}
+    steps = {name: rng.normal(size=(2500, *shape)) for name, shape in shapes.items()}
+    record = EpisodeRecord(
+        source=Source.TELEOP, task="one_leg", randomness="low", seed=1, parts_assembled=1, outcome=Outcome.SUCCESS
+    )
+    episode = Episode(record, steps, {name: steps[name][-1] for name in FINAL_KEYS})
+    write_episodes(folder, [episode], {})
+
+
+def parquet(folder: Path) -> None:
+    from juicer.storage.tables import SelectionRow, write_selection
+
+    rng = np.random.default_rng(0)
+    write_selection(folder, [SelectionRow(index, True, rng.bytes(20).hex()) for index in range(60_000)])
+
+
+def compressed_log(folder: Path) -> None:
+    np.savez_compressed(folder / "log.npz", noise=np.random.default_rng(0).random(2**18))
+
+
+def text(folder: Path) -> None:
+    (folder / "page.html").write_text("x" * 2**21)
+
+
+WRITERS = [
+    safetensors_of_torch,
+    training_state,
+    replayed_demonstrations,
+    zarr_and_parquet,
+    parquet,
+    compressed_log,
+    text,
+]
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_whatever_writes_on_a_full_disk_gives_the_same_sentence(
+    recipe: Recipe, small_disk: Path, write: Callable[[Path], None]
+) -> None:
+    store = ArtifactStore(small_disk / "store")
+    expected = "cannot be written: the disk is full; free some space"
+    for folder in ("path", "scratch"):
+        with pytest.raises(StoreNotWritable, match=expected), store.create(recipe) as draft:
+            write(getattr(draft, folder))
+        assert store.find(recipe) is None
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_whatever_writes_beyond_the_users_limit_gives_the_same_sentence(
+    store: ArtifactStore, recipe: Recipe, write: Callable[[Path], None], as_nobody: Callable[[Callable[[], Any]], Any]
+) -> None:
+    store.cache.mkdir(parents=True)
+
+    def run() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2**16, 2**16))
+        with store.create(recipe) as draft:
+            write(draft.path)
+
+    open_to_all(store.cache)
+    with pytest.raises(StoreNotWritable, match="a file became larger than this system allows; see `ulimit -f`"):
+        as_nobody(run)
+    assert store.find(recipe) is None
+
+
+def open_to_all(folder: Path) -> None:
+    for each in (folder, *folder.parents[:3]):
+        each.chmod(0o777)
+
+
+def test_a_resume_state_that_found_no_room_leaves_the_one_before_and_no_half(small_disk: Path) -> None:
+    import torch
+
+    from juicer.training.state import TrainingState, load_state, save_state
+
+    save_state(small_disk, TrainingState("id", 1, {"weights": torch.ones(10)}))
+    with pytest.raises(OSError, match="No space left"):
+        training_state(small_disk)
+    assert [path.name for path in small_disk.iterdir()] == ["training_state.safetensors"]
+    state = load_state(small_disk, "id")
+    assert state is not None
+    assert state.step == 1
+
+
+def test_a_kind_on_another_disk_is_refused_before_the_work(
+    store: ArtifactStore, recipe: Recipe, small_disk: Path
+) -> None:
+    store.cache.mkdir(parents=True)
+    (store.cache / "episodes").symlink_to(small_disk)
+    expected = "lies on another file system than the rest of the store; link the whole store there"
+    with pytest.raises(StoreNotWritable, match=expected), store.create(recipe):
+        pytest.fail("the block must not run")
+
+
+def test_a_store_that_is_removed_during_the_work_is_named(store: ArtifactStore, recipe: Recipe, tmp_path: Path) -> None:
+    def work() -> None:
+        with store.create(recipe) as draft:
+            store.cache.rename(tmp_path / "gone")
+            (draft.path / "a.bin").write_bytes(b"1")
+
+    with pytest.raises(StoreNotWritable, match="was removed while it was in use"):
+        work()

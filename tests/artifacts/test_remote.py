@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 import uuid
 from collections.abc import Callable, Iterator
@@ -326,3 +327,144 @@ def test_a_server_that_is_away_is_named(
             ArtifactStore(f"{s3}/x", cache=tmp_path).find(recipe)
     finally:
         fsspec.filesystem("s3").clear_instance_cache()
+
+
+def test_foreign_objects_are_no_artifacts_and_stay(store: ArtifactStore, recipe: Recipe, make: Make) -> None:
+    ref = make(store, recipe)
+    fs, base = filesystem(store), store.url.partition("://")[2]
+    names = ["notes/manifest.json", f"{ref.id}.before/manifest.json", "0123456789ABCDEF/manifest.json", "readme.txt"]
+    for name in names:
+        fs.pipe_file(f"{base}/episodes/{name}", b"mine")
+    fs.pipe_file(f"{base}/episodes/0123456789abcdef/begun/a.bin", b"an upload that is not finished")
+    assert store.refs() == [ref]
+    assert [manifest.ref for manifest in store.list()] == [ref]
+    assert store.verify(ref) == []
+    make(store, recipe, {"a.bin": b"new"}, replacing=True)
+    assert {f"episodes/{name}" for name in names} <= set(objects(store))
+
+
+@pytest.mark.parametrize("name", [".DS_Store", "deep/._a.bin"])
+def test_litter_in_the_store_or_in_the_cache_stops_nothing(
+    store: ArtifactStore, elsewhere: ArtifactStore, recipe: Recipe, make: Make, name: str
+) -> None:
+    ref = make(store, recipe)
+    ((fs, path),) = [place for path, place in objects(store).items() if path.endswith("a.bin")]
+    fs.pipe_file(path.replace("a.bin", name), b"x")
+    (store.open(ref) / name).write_bytes(b"x")
+    for machine in (store, elsewhere):
+        assert (machine.open(ref) / "a.bin").is_file()
+        assert clauses(machine, ref) == [f"file '{name}' does not belong to it"]
+    assert (store.open(ref) / name).exists()
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"{}", b"[" * 10**5, b" " * (2**24 + 1)], ids=["empty", "other", "deep", "huge"]
+)
+def test_a_damaged_manifest_is_restored_from_a_copy_that_is_whole(
+    store: ArtifactStore, elsewhere: ArtifactStore, recipe: Recipe, make: Make, content: bytes
+) -> None:
+    ref = make(store, recipe)
+    overwrite(store, "manifest.json", content)
+    assert "manifest.json" in clauses(elsewhere, ref)[0]
+    assert not elsewhere.mend(ref)
+    assert store.mend(ref)
+    assert elsewhere.verify(ref) == []
+    assert len(store.asides(ref)) == 1
+
+
+def test_a_manifest_that_was_written_into_is_restored_without_a_copy(
+    store: ArtifactStore, elsewhere: ArtifactStore, recipe: Recipe, make: Make
+) -> None:
+    ref = make(store, recipe)
+    ((fs, path),) = [place for name, place in objects(store).items() if name.endswith("manifest.json")]
+    fs.pipe_file(path, fs.cat_file(path) + b"\n")
+    assert elsewhere.mend(ref)
+    assert elsewhere.verify(ref) == store.verify(ref) == []
+
+
+def test_damaged_files_are_restored_from_a_copy_that_is_whole(
+    store: ArtifactStore, elsewhere: ArtifactStore, recipe: Recipe, make: Make
+) -> None:
+    ref = make(store, recipe)
+    overwrite(store, "a.bin", b"9876543210")
+    assert not elsewhere.mend(ref)
+    assert store.mend(ref)
+    assert elsewhere.verify(ref) == []
+    assert len(objects(store)) == 2 * 4
+
+
+def test_an_object_of_another_size_is_not_downloaded(
+    store: ArtifactStore, elsewhere: ArtifactStore, recipe: Recipe, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ref = make(store, recipe)
+    overwrite(store, "a.bin", bytes(10**6))
+    fs, fetched = filesystem(store), []
+    original = fs.get
+
+    def get(remote: list[str], local: list[str], **options: Any) -> Any:
+        fetched.extend(remote)
+        return original(remote, local, **options)
+
+    monkeypatch.setattr(fs, "get", get)
+    assert clauses(elsewhere, ref) == ["file 'a.bin' has 1000000 bytes instead of 10"]
+    assert fetched
+    assert not any(path.endswith("a.bin") for path in fetched)
+
+
+def test_an_upload_cut_short_is_not_lost_because_of_what_lies_in_the_copy(
+    store: ArtifactStore, elsewhere: ArtifactStore, recipe: Recipe, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(filesystem(store), "put", None)
+        with pytest.raises(StoreNotWritable):
+            make(store, recipe)
+    (store.cache / str(recipe.ref) / "notes.txt").write_text("mine")
+    with store.create(recipe) as draft:
+        assert draft.adopted
+    assert elsewhere.verify(recipe.ref) == []
+
+
+def test_a_copy_that_was_never_uploaded_is_set_aside_if_it_is_damaged(
+    store: ArtifactStore, recipe: Recipe, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(filesystem(store), "put", None)
+        with pytest.raises(StoreNotWritable):
+            make(store, recipe)
+    (store.cache / str(recipe.ref) / "a.bin").write_bytes(b"x")
+    make(store, recipe)
+    aside = store.cache / ".aside" / str(recipe.ref) / "1"
+    assert (aside / "a.bin").read_bytes() == b"x"
+
+
+def test_a_full_disk_under_the_cache_is_not_blamed_on_the_network(
+    store: ArtifactStore, elsewhere: ArtifactStore, recipe: Recipe, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ref = make(store, recipe)
+
+    def get(*arguments: object, **options: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(filesystem(store), "get", get)
+    with pytest.raises(StoreNotWritable, match=rf"'{elsewhere.cache}' cannot be written: the disk is full"):
+        elsewhere.open(ref)
+
+
+def test_a_refused_listing_is_not_taken_for_an_empty_store(
+    s3: str, recipe: Recipe, make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings = pytest.importorskip("moto.settings")
+    store = ArtifactStore(f"{s3}/{uuid.uuid4().hex}", cache=tmp_path)
+    ref = make(store, recipe)
+    with monkeypatch.context() as patched:
+        # The server, which runs in this process, knows no user, and from now on asks for one.
+        patched.setattr(settings, "INITIAL_NO_AUTH_ACTION_COUNT", 0)
+        for action in (
+            store.survey,
+            lambda: store.resolve(ref.id),
+            lambda: store.find(recipe),
+            lambda: store.verify(ref),
+        ):
+            with pytest.raises(ArtifactError, match=r"cannot be read: .*; check its address, credentials and network"):
+                action()
+    assert store.refs() == [ref]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import logging
 import pickle
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -207,6 +208,18 @@ def test_lineage_names_every_ancestor_once_and_parents_first(store: ArtifactStor
     child = make(store, variant(recipe, 3, right, left, kind="checkpoint"))
     assert store.lineage(child) == [root, right, left]
     assert store.lineage(root) == []
+
+
+def test_lineage_may_be_longer_than_pythons_stack(store: ArtifactStore, recipe: Recipe, make: Make) -> None:
+    made = store.manifest(make(store, recipe, {}))
+    refs = [made.ref]
+    while len(refs) < sys.getrecursionlimit() + 100:
+        # Committed one by one, they would take half a minute.
+        manifest = replace(made, recipe=replace(recipe, inputs={"parents": tuple(refs[-2:])}))
+        refs.append(manifest.ref)
+        (store.cache / str(manifest.ref)).mkdir()
+        (store.cache / str(manifest.ref) / "manifest.json").write_text(manifest.to_text())
+    assert store.lineage(refs[-1]) == refs[:-1]
 
 
 def test_a_discarded_ancestor_is_still_named(store: ArtifactStore, recipe: Recipe, make: Make) -> None:
