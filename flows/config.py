@@ -12,7 +12,7 @@ from pydantic import Field, field_validator, model_validator
 from flows.conditions import METHODS, Condition
 from flows.loop_config import LoopConfig
 from flows.written import TASKS_KEY, Written, read_written, take_written
-from juicer.config import parse_config, parse_mapping
+from juicer.config import parse_config
 from juicer.errors import ConfigError, did_you_mean
 from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.tasks.registry import TASK_NAMES
@@ -185,15 +185,6 @@ def parse_runs(content: Mapping[str, Any] | str, origin: str, overrides: Sequenc
         ConfigError: If a key or value is not valid.
     """
     return runs_of(take_written(content, origin).assigning(overrides), origin)
-
-
-def parse_pasted(text: str, origin: str, overrides: Sequence[str] = ()) -> tuple[RunConfig, ...]:
-    """The same for a text that a file would hold.
-
-    Raises:
-        ConfigError: If it is no YAML, or a key or value is not valid.
-    """
-    return parse_runs(parse_mapping(text, origin), origin, overrides)
 
 
 def runs_of(written: Written, origin: str) -> tuple[RunConfig, ...]:

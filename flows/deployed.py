@@ -12,7 +12,7 @@ from prefect import flow
 from pydantic import Field, WithJsonSchema
 
 from flows.conditions import Condition
-from flows.config import RunConfig, parse_pasted, parse_runs
+from flows.config import RunConfig, parse_runs
 from flows.execution import RunOutcome
 from flows.run import run, task_runner
 from flows.shipped import PRESETS, names
@@ -88,7 +88,7 @@ def configured(configuration: Pasted, overrides: list[str] = []) -> list[RunOutc
             must be absolute, and name files of the machine that serves.
         overrides: Further values, each as KEY=VALUE.
     """
-    return [run(config) for config in parse_pasted(configuration, _THE_PASTED, overrides)]
+    return [run(config) for config in parse_runs(configuration, _THE_PASTED, overrides)]
 
 
 @flow(name="single_stage", flow_run_name="{stage} {task} {condition} seed {seed}", **_SETTINGS)
@@ -131,7 +131,7 @@ def configured_stage(
         overrides: Further values, each as KEY=VALUE.
         force: Whether to compute it even if its artifact is in the store.
     """
-    return run_stage(stage, parse_pasted(configuration, _THE_PASTED, overrides), force=force)
+    return run_stage(stage, parse_runs(configuration, _THE_PASTED, overrides), force=force)
 
 
 def _only(content: Mapping[str, Any], overrides: Sequence[str]) -> RunConfig:

@@ -101,7 +101,16 @@ class Tracking:
         return self._conditions[condition]
 
     def _params(self, condition: Condition) -> dict[str, Any]:
-        content = self._config.model_dump(mode="json", include=set(_SHARED_PARAMS))
+        config = self._config
+        # As the stages get them: with the task and the randomness that a section leaves to the top level.
+        of_stages = {
+            "record": config.recording,
+            "ingest": config.ingestion,
+            "collect": config.collection(seed=0, round_index=1),
+            "evaluate": config.evaluation,
+        }
+        content = config.model_dump(mode="json", include=set(_SHARED_PARAMS))
+        content |= {name: section.model_dump(mode="json") for name, section in of_stages.items()}
         return {"condition": condition.value, **dict(_flat(content))}
 
 

@@ -75,23 +75,6 @@ def read_document(path: Path) -> Document:
     return document
 
 
-def parse_mapping(text: str, origin: str) -> dict[str, Any]:
-    """Content of a YAML text that holds a mapping; ``origin`` names where it came from in errors.
-
-    Raises:
-        ConfigError: If it cannot be read, is too long, or holds something else.
-    """
-    if len(text) > MOST_BYTES:
-        raise ConfigError(f"{origin}: it is longer than {MOST_BYTES:,} letters")
-    try:
-        content = read_yaml(text).value
-    except UnreadableYaml as error:
-        raise ConfigError(f"{origin} cannot be read: {error}") from None
-    if not isinstance(content, dict):
-        raise ConfigError(f"{origin} must hold a mapping of keys to values")
-    return content
-
-
 def read_mapping(path: Path) -> dict[str, Any]:
     """Content of a YAML file that holds a mapping.
 

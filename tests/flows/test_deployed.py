@@ -73,7 +73,7 @@ def test_a_whole_configuration_is_pasted(runs):
         (configured, {"configuration": "task: lamp\ntask: one_leg\n"}, "'task'"),
         (configured, {"configuration": "- 1"}, "must hold a mapping"),
         (configured, {"configuration": "logs: recordings"}, "must be an absolute path"),
-        (configured, {"configuration": "{" * 100_000}, "cannot be read"),
+        (configured, {"configuration": "{" * 100_000}, "a key must be a word"),
         (configured, {"configuration": "a" * 10_000_000}, "longer than"),
     ],
 )
