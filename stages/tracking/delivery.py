@@ -218,7 +218,8 @@ def _create_database(uri: str, artifact_root: Path | None) -> None:
     draft.unlink(missing_ok=True)
     # The experiment that is always there must not keep its files in the working directory.
     root = (artifact_root or path.parent / "mlflow-files").absolute().as_uri()
-    SqlAlchemyStore(url.set(database=str(draft)).render_as_string(hide_password=False), root)
+    address = url.set(database=str(draft)).render_as_string(hide_password=False)
+    SqlAlchemyStore(address, root)  # type: ignore[no-untyped-call]
     draft.replace(path)
 
 
