@@ -40,7 +40,7 @@ PRELOADED = (
     "juicer.policy.checkpoint",
     "juicer.training.trainer",
     "juicer.reporting.page",
-    "stages.report_films",
+    "stages.report_videos",
     *(f"stages.{name}" for name in STAGES),
 )
 """Imported once, by the process from which all stage processes are forked: it saves their time, and code that is

@@ -202,7 +202,7 @@ def _condition(text: str | None) -> Condition | None:
 
 
 def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore) -> None:
-    from stages.report import FILM, PAGE
+    from stages.report import PAGE
 
     rows = [
         [
@@ -223,7 +223,7 @@ def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore) -
         folder = store.open(outcome.report)
         say("")
         say(f"report   {folder / PAGE}")
-        if (folder / FILM).exists():
-            say(f"film     {folder / FILM}")
+        for video in sorted(folder.glob("*.mp4")):
+            say(f"video    {video}")
         say("pages    juicer ui   (Prefect's and MLflow's, on this machine)")
         say(f"lineage  juicer lineage {outcome.models[-1].evaluation.id}")

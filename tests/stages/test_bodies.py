@@ -278,7 +278,7 @@ def test_report_on_a_model_for_several_tasks_tells_their_data_apart(loop):
     checkpoint = copied(loop.checkpoint, inputs={"episodes": data})
     evaluation = copied(loop.evaluation, inputs={"checkpoint": (checkpoint,)})
     rows = [ReportRow(condition="multitask", seed=0)]
-    told = gather(store, [evaluation], rows, title="", task="one_leg", facts={}, findings=(), films=())
+    told = gather(store, [evaluation], rows, title="", task="one_leg", facts={}, findings=())
     steps = summary(loop, loop.demonstrations)["steps"]
     assert told.facts["Demonstrations"] == f"one_leg 2 ({steps} steps), lamp 2 ({steps} steps)"
     assert [each.label for each in told.augmentations] == [
@@ -286,7 +286,7 @@ def test_report_on_a_model_for_several_tasks_tells_their_data_apart(loop):
         "2 corrective episodes of lamp",
     ]
     store.discard(of_lamp)
-    told = gather(store, [evaluation], rows, title="", task="one_leg", facts={}, findings=(), films=())
+    told = gather(store, [evaluation], rows, title="", task="one_leg", facts={}, findings=())
     assert told.facts["Demonstrations"] == f"2 ({steps} steps)"
     assert told.augmentations[1].label == "2 corrective episodes of demonstrations that are no longer there"
 
