@@ -121,5 +121,5 @@ def _caption(example: Example, stride: int, left_out: int) -> str:
         f"Front and wrist camera, {float(speed):g} times real time."
     )
     if left_out:
-        told += f" {left_out} frames are left out: the simulation diverged, and its state cannot be drawn."
+        told += f" Frames left out: {left_out}; the simulation diverged there, and its state cannot be drawn."
     return told

@@ -22,6 +22,9 @@ from numpy.typing import NDArray
 
 from juicer.episode import ACTION_SIZE, FINAL_KEYS, PROPRIOCEPTION_SIZE, Episode, EpisodeRecord, Outcome, Source
 from juicer.seeding import stream
+from juicer.sim.display import draw_without_display
+
+draw_without_display()
 
 NUM_PARTS = 5
 SIM_STATE_SIZE = 12
@@ -96,6 +99,21 @@ def episode_factory() -> EpisodeFactory:
 def rng() -> np.random.Generator:
     """A fixed random stream."""
     return stream(0, "test")
+
+
+@pytest.fixture(scope="session")
+def drawing() -> None:
+    """Skips where no OpenGL platform can draw."""
+    from juicer.errors import RenderingUnavailable
+    from juicer.sim.env import AssemblyEnv
+
+    env = AssemblyEnv("one_leg")
+    try:
+        env.render()
+    except RenderingUnavailable as error:
+        pytest.skip(str(error))
+    finally:
+        env.close()
 
 
 @pytest.fixture(scope="session")

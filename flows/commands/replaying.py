@@ -169,6 +169,4 @@ def _report(chosen: Chosen, video: Path, strip: Path, left_out: int, as_json: bo
             else "computed again; outcome, length and milestones are those of the evaluation"
         )
     if left_out:
-        say(
-            f"left out {left_out} frames whose state is not finite or cannot be restored: the simulation diverged there"
-        )
+        say(f"frames left out: {left_out}, whose state is not finite or cannot be restored: the simulation diverged")

@@ -207,7 +207,7 @@ def _share(count: int, total: int) -> str:
 def _svg(figure: Figure, name: str, description: str) -> str:
     buffer = io.StringIO()
     # The salt makes the ids within the drawing differ from those of its neighbours on the page, and repeat.
-    with mpl.rc_context({"svg.hashsalt": name}):
+    with mpl.rc_context({"svg.hashsalt": printable(name)}):
         figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     svg = re.sub(r"^.*?<svg ", "<svg ", buffer.getvalue(), count=1, flags=re.DOTALL)
     svg = re.sub(r'<svg [^>]*?viewBox="([^"]*)"[^>]*>', _opening_tag(description), svg, count=1)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
 
+from juicer.episode import STATE_KEY, Episode
 from juicer.errors import ConfigError, InvalidEpisode
-from juicer.sim.video import Image, write_strip, write_video
+from juicer.sim.video import CAMERAS, Image, View, draw, every, write_strip, write_video
 
 IMAGE: Image = np.zeros((32, 48, 3), np.uint8)
 
@@ -54,3 +56,26 @@ def test_a_strip_shows_images_side_by_side_and_no_draft_stays(tmp_path: Path):
     assert [path.name for path in tmp_path.iterdir()] == ["strip.png"]
     with pytest.raises(ConfigError, match="cannot be written: No such file"):
         write_strip(tmp_path / "nowhere" / "strip.png", [IMAGE])
+
+
+def test_an_episode_is_seen_by_every_camera_from_its_first_state_to_its_end(drawing: None, insertions: list[Episode]):
+    episode = insertions[0]
+    steps = every(episode, 10)
+    frames = list(draw(episode, steps, View(width=160, height=120)))
+    assert [frame.step for frame in frames] == steps == [0, 10, 20, 30, 40, len(episode)]
+    assert all(len(frame.images) == len(CAMERAS) for frame in frames)
+    assert all(image.shape == (120, 160, 3) for frame in frames for image in frame.images)
+    assert not np.array_equal(*frames[0].images)
+
+
+def test_a_state_that_is_no_number_is_left_out(drawing: None, insertions: list[Episode]):
+    final = {**insertions[0].final, STATE_KEY: np.full_like(insertions[0].final[STATE_KEY], np.nan)}
+    diverged = replace(insertions[0], final=final)
+    (frame,) = draw(diverged, [0, len(diverged)], View(cameras=("front",), width=160, height=120))
+    assert frame.step == 0
+
+
+@pytest.mark.parametrize("size", [(0, 0), (160, 119), (1281, 720), (99999, 99999), (-480, 360)])
+def test_a_size_that_cannot_be_drawn_or_read_is_refused(size: tuple[int, int]):
+    with pytest.raises(ConfigError, match="measures 160x120 to 1280x720 pixels"):
+        View(width=size[0], height=size[1])
