@@ -78,7 +78,7 @@ def gather(
         lineage=tuple(sources.lineage(evaluations)),
         provenance=_provenance(sources, title, configuration or {}, links or {}),
         costs=tuple(sources.costs()),
-        next_steps=tuple(_next_steps(evaluations)),
+        next_steps=tuple(_next_steps(evaluations, title)),
     )
 
 
@@ -128,8 +128,8 @@ def _comparisons(results: Sequence[ConditionResult]) -> Iterator[PairedCompariso
             continue  # other seeds or other initial states: there is nothing to pair
 
 
-def _next_steps(evaluations: Sequence[ArtifactRef]) -> Iterator[NextStep]:
+def _next_steps(evaluations: Sequence[ArtifactRef], experiment: str) -> Iterator[NextStep]:
     ref = evaluations[-1]
     yield NextStep("watch any evaluated episode", f"juicer replay {ref.id} --episode 0")
     yield NextStep("see where the last evaluation came from", f"juicer lineage {ref.id}")
-    yield NextStep("open Prefect's and MLflow's pages", "juicer ui")
+    yield NextStep(f"open Prefect's and MLflow's pages; the experiment is called {experiment}", "juicer ui")

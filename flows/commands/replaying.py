@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from flows.opening import opened
 from flows.settings import read_settings
 from flows.store import open_store
 from juicer.errors import ConfigError, WrongArtifactKind, did_you_mean
+from juicer.text import printable
 
 if TYPE_CHECKING:
     from flows.board import Board
@@ -56,10 +58,10 @@ def replay_episode(
     ref = store.resolve(text)
     video = video or Path(f"{ref.id}-{index}.mp4")
     _check_place(video)
+    stride, rate = _pace(speed)
     with opened(settings, None) as surroundings:
         chosen = _choose(store, ref, index, surroundings.board)
         episode = chosen.episode
-        stride, rate = _pace(speed)
         steps = every(episode, stride)
         captioner = _captioner(chosen, view)
         progress = surroundings.board.started("replay", video.name)
@@ -92,9 +94,13 @@ def _check_place(video: Path) -> None:
 
     if video.suffix.lower() not in VIDEO_SUFFIXES:
         raise ConfigError(f"video '{video}' must end in {', '.join(VIDEO_SUFFIXES[:-1])} or {VIDEO_SUFFIXES[-1]}")
-    if not video.parent.is_dir():
+    try:
+        has_folder, is_folder = video.parent.is_dir(), video.is_dir()
+    except OSError as error:
+        raise ConfigError(f"video '{printable(video)}' cannot be written: {error.strerror}") from None
+    if not has_folder:
         raise ConfigError(f"folder '{video.parent}' for the video does not exist")
-    if video.is_dir():
+    if is_folder:
         raise ConfigError(f"video '{video}' is a folder; name a file")
 
 
@@ -123,6 +129,8 @@ def _pace(speed: float) -> tuple[int, Fraction]:
     """Steps from frame to frame, and frames a second, for a speed in multiples of real time."""
     from juicer.sim.env import CONTROL_HZ
 
+    if not math.isfinite(speed):
+        raise ConfigError(f"speed must be a number, got {speed}")
     steps_a_second = Fraction(speed).limit_denominator(100) * CONTROL_HZ
     stride = max(1, int(steps_a_second // FRAMES_PER_SECOND))
     return stride, steps_a_second / stride

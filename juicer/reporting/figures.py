@@ -1,7 +1,7 @@
 """Charts as inline SVG that follows the page's colour scheme.
 
 Matplotlib draws with the placeholder colours below; each is then replaced by the page's CSS variable of
-the same meaning, so that one picture serves light and dark. Charts are drawn narrow (460 px), so that
+the same meaning, so that one drawing serves light and dark. Charts are drawn narrow (460 px), so that
 their lettering stays legible on a small screen.
 """
 
@@ -40,7 +40,7 @@ _WIDTH_IN = 6.4
 _STYLE: Any = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
-    "font.size": 11.5,
+    "font.size": 13,
     "axes.edgecolor": GRID,
     "axes.labelcolor": MUTED,
     "axes.spines.top": False,
@@ -84,7 +84,7 @@ def funnel_figure(funnel: Funnel) -> str:
     names = ["started", *funnel.reached]
     counts = [funnel.num_episodes, *funnel.reached.values()]
     with mpl.rc_context(_STYLE):
-        figure, axes = _figure(height_in=0.35 + 0.34 * len(names))
+        figure, axes = _figure(height_in=0.35 + 0.36 * len(names))
         rows = range(len(names))
         axes.barh(rows, [funnel.num_episodes] * len(names), color=SOFT, height=0.72)
         axes.barh(rows, counts, color=ACCENT, height=0.72, alpha=0.85)
@@ -155,6 +155,7 @@ def _scale_losses(axes: Axes, limits: tuple[float, float]) -> None:
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("optimiser step")
+    axes.locator_params(axis="x", nbins=6)
     axes.tick_params(axis="y", which="both", labelcolor=MUTED)
     axes.grid(axis="y", which="major")
 
@@ -166,7 +167,7 @@ def yield_figure(augmentation: AugmentationYield) -> str:
     counts = [augmentation.kept, *(count for _, count in rejected)]
     longest = max(1, *counts)
     with mpl.rc_context(_STYLE):
-        figure, axes = _figure(height_in=0.35 + 0.34 * len(names))
+        figure, axes = _figure(height_in=0.35 + 0.36 * len(names))
         axes.barh(range(len(names)), counts, color=[ACCENT, *[SECOND] * len(rejected)], height=0.72, alpha=0.85)
         for row, count in enumerate(counts):
             axes.text(count + longest * 0.03, row, _share(count, sum(counts)), va="center", color=INK)

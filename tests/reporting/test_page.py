@@ -137,7 +137,7 @@ def test_videos_and_stills_are_part_of_the_page(report_data: ReportData):
     assert (
         len(re.findall(r'<video controls muted playsinline preload="metadata"[^>]* poster="data:image/webp', page)) == 2
     )
-    assert "step 141 · 14.1 s" in page
+    assert "step 141 · 14.1&nbsp;s" in page
     assert not re.search(r"<img(?![^>]*alt=\"[^\"]+\")", page)
 
 
