@@ -23,6 +23,7 @@ from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import Randomness
 from stages.names import STAGES
 
+VIEWS = ("front", "wrist", "both")
 FAILED = 1
 INTERRUPTED = 130
 
@@ -230,18 +231,27 @@ def replay(
     episodes: Annotated[
         str, typer.Argument(metavar="EPISODES", help="Id of episodes or of an evaluation, or its first letters.")
     ],
-    video: Annotated[Path, typer.Option("--video", help="Film to write; a strip of pictures goes beside it as PNG.")],
     episode: Annotated[int, typer.Option("--episode", "-k", help="Which episode, counted from 0.")] = 0,
+    video: Annotated[
+        Path | None,
+        typer.Option("--video", help="Video to write, EPISODES-EPISODE.mp4 if left out; stills go beside it as PNG."),
+    ] = None,
     camera: Annotated[
-        str, typer.Option("--camera", help="Where it is seen from.", **choice(("front", "wrist")))
-    ] = "front",
-    speed: Annotated[int, typer.Option("--speed", min=1, help="Times faster than real time.")] = 2,
+        str,
+        typer.Option(
+            "--camera", help="Where it is seen from; both are side by side.", **choice(("front", "wrist", "both"))
+        ),
+    ] = "both",
+    size: Annotated[
+        str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size of each camera's image in pixels.")
+    ] = "480x360",
+    speed: Annotated[float, typer.Option("--speed", min=0.1, max=100, help="Times faster than real time.")] = 2.0,
     as_json: AsJson = False,
 ) -> None:
-    """Film a recorded episode."""
-    from flows.commands.making import replay_episode
+    """Make a video of any episode in the store, with step numbers and milestones."""
+    from flows.commands.replaying import replay_episode
 
-    replay_episode(episodes, episode, video, camera, speed, as_json)
+    replay_episode(episodes, episode, video, camera, size, speed, as_json)
 
 
 @app.command()

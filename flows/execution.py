@@ -7,10 +7,12 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextvars import copy_context
 from dataclasses import dataclass, replace
 from typing import Any
+from urllib.parse import urlsplit
 
 from flows.conditions import METHODS, Condition
 from flows.config import RunConfig
 from flows.loop import ModelOutcome, run_model
+from flows.settings import read_settings
 from flows.tracked import Tracking
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
@@ -156,6 +158,8 @@ def write_report(session: Session, config: RunConfig, outcome: RunOutcome, track
         rows=rows,
         findings=outcome.findings,
         facts=_facts(config),
+        configuration=config.model_dump(mode="json"),
+        links=_links(),
     )
     scope = session.for_model("", tracking.whole() if tracking else session.record)
     return report(scope, evaluations=evaluations, config=report_config)
@@ -165,6 +169,19 @@ def _facts(config: RunConfig) -> Mapping[str, str]:
     return {
         "Task": config.task,
         "Randomness": config.randomness.value,
+        "The policies see": "poses of the robot and the parts, no images",
         "Seeds": ", ".join(map(str, config.seeds)),
         "Evaluation episodes a model": str(config.evaluate.episodes),
     }
+
+
+def _links() -> Mapping[str, str]:
+    """MLflow's pages, if they have an address that outlasts this run; without the credentials that it may hold."""
+    try:
+        parts = urlsplit(read_settings().tracking_uri)
+    except ValueError:
+        return {}
+    if parts.scheme not in ("http", "https") or not parts.hostname:
+        return {}
+    place = parts.netloc.rpartition("@")[2]
+    return {"MLflow": f"{parts.scheme}://{place}{parts.path.rstrip('/')}/#/experiments"}

@@ -44,7 +44,7 @@ PRELOADED = (
     "juicer.policy.checkpoint",
     "juicer.training.trainer",
     "juicer.reporting.page",
-    "stages.report_films",
+    "stages.report_videos",
     *(f"stages.{name}" for name in STAGES),
     # Last: it notes what all of the above was when it was imported.
     "stages.loaded_code",

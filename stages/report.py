@@ -4,48 +4,59 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
-from juicer.episode import Episode, Outcome
-from juicer.errors import RenderingUnavailable
+from juicer.episode import Outcome
+from juicer.errors import ConfigError, NothingLeft, RenderingUnavailable
 from juicer.evaluation import ConditionResult
+from juicer.reporting.content import EpisodeVideo
 from juicer.storage.episodes import EpisodeReader
-from juicer.storage.tables import EXAMPLES
-from stages.report_data import ReportRow, condition_results, gather
+from juicer.storage.tables import EXAMPLES, read_evaluation
+from stages.report_data import ReportRow, condition_results, configuration_text, gather
 from stages.stage import StageContext, stage
 
+if TYPE_CHECKING:
+    from stages.report_videos import Example
+
 PAGE = "report.html"
-FILM = "success.mp4"
+CONFIGURATION = "configuration.yaml"
 
 
 class ReportConfig(StrictConfig):
-    """What the page says beside what the artifacts say."""
+    """What the page says beside what the artifacts say.
+
+    Attributes:
+        title: Headline.
+        task: Assembly task, whose figures of the paper are shown.
+        rows: Whose evaluations they are, in their order.
+        findings: Sentences that a reader must not miss.
+        facts: Setting of the run in a few name-value pairs.
+        configuration: The whole configuration of the run, as it can be run again.
+        links: Web addresses of pages about the run. They depend on the machine, so they are no part of the recipe: a
+            report that is found keeps those it was made with, and one made elsewhere has none.
+    """
 
     title: str
     task: str = "one_leg"
     rows: tuple[ReportRow, ...] = ()
     findings: tuple[str, ...] = ()
     facts: Mapping[str, str] = Field(default_factory=dict)
+    configuration: Mapping[str, Any] = Field(default_factory=dict)
+    links: Mapping[str, str] = Field(default_factory=dict, exclude=True)
 
 
 @stage(kind="report", inputs={"evaluations": "evaluation"}, libraries=("matplotlib",))
 def report(context: StageContext, *, evaluations: tuple[ArtifactRef, ...], config: ReportConfig) -> None:
-    """Write the page about evaluated models, and a film of a success."""
+    """Write the page about evaluated models, and videos of a success and a failure."""
     from juicer.reporting.page import write_page  # drawing libraries take long to import
-    from stages.report_films import make_strips
 
-    film = context.draft.path / FILM
+    _check(evaluations, config)
     results = condition_results(context.store, evaluations, config.rows)
-    findings = list(config.findings)
-    try:
-        films = make_strips(_examples(context, evaluations, config, results), film, context.progress)
-    except RenderingUnavailable as error:
-        film.unlink(missing_ok=True)
-        films = ()
-        findings.append(f"No pictures of episodes: {error}.")
+    videos, findings = _videos(context, evaluations, config, results)
     data = gather(
         context.store,
         evaluations,
@@ -53,41 +64,72 @@ def report(context: StageContext, *, evaluations: tuple[ArtifactRef, ...], confi
         title=config.title,
         task=config.task,
         facts=config.facts,
-        findings=tuple(findings),
-        films=films,
+        findings=(*config.findings, *findings),
+        videos=videos,
+        configuration=config.configuration,
+        links=config.links,
     )
     write_page(data, context.draft.path / PAGE)
+    if config.configuration:
+        (context.draft.path / CONFIGURATION).write_text(configuration_text(config.configuration), encoding="utf-8")
     best = max(results, key=lambda row: row.average)
     context.draft.summary |= {
         "conditions": len(results),
         "episodes": sum(row.num_episodes for row in results),
         "best_condition": best.condition,
         "success_rate": best.average,
-        "film": FILM if film.exists() else None,
+        "videos": sorted(path.name for path in context.draft.path.glob("*.mp4")),
     }
+
+
+def _check(evaluations: tuple[ArtifactRef, ...], config: ReportConfig) -> None:
+    if not evaluations:
+        raise NothingLeft("there is no evaluation to report on")
+    if len(evaluations) != len(config.rows):
+        raise ConfigError(
+            f"a report on {len(evaluations)} evaluations needs as many rows that name them, got {len(config.rows)}"
+        )
+
+
+def _videos(
+    context: StageContext, evaluations: tuple[ArtifactRef, ...], config: ReportConfig, results: list[ConditionResult]
+) -> tuple[tuple[EpisodeVideo, ...], tuple[str, ...]]:
+    """Videos, and what must be said if there can be none."""
+    from stages.report_videos import make_videos
+
+    try:
+        return make_videos(_examples(context, evaluations, config, results), context.draft.path, context.progress), ()
+    except RenderingUnavailable as error:
+        for path in context.draft.path.glob("*.mp4"):
+            path.unlink()
+        return (), (f"No videos or images of episodes: {error}.",)
 
 
 def _examples(
     context: StageContext, evaluations: tuple[ArtifactRef, ...], config: ReportConfig, results: list[ConditionResult]
-) -> list[tuple[str, Episode]]:
+) -> list[Example]:
     """A success of the best condition that has one, and a typical failure of it, or of the next that failed."""
     order = {row.condition: place for place, row in enumerate(sorted(results, key=lambda row: -row.average))}
     ranked = sorted(zip(config.rows, evaluations, strict=True), key=lambda pair: order[pair[0].condition])
-    found: dict[bool, tuple[str, Episode]] = {}
+    found: dict[bool, Example] = {}
     for row, ref in ranked:
-        reader = EpisodeReader(context.store.open(ref, "evaluation") / EXAMPLES)
         for succeeded in (True, False):
-            episode = _typical(reader, succeeded)
-            if episode is not None and succeeded not in found:
-                found[succeeded] = (f"{row.condition}, seed {row.seed}", episode)
+            if succeeded not in found and (example := _typical(context, row, ref, succeeded)):
+                found[succeeded] = example
     return [found[succeeded] for succeeded in (True, False) if succeeded in found]
 
 
-def _typical(reader: EpisodeReader, succeeded: bool) -> Episode | None:
-    """The first example that got as far as most of its kind."""
-    indices = [index for index, record in enumerate(reader.records) if (record.outcome is Outcome.SUCCESS) == succeeded]
-    if not indices:
+def _typical(context: StageContext, row: ReportRow, ref: ArtifactRef, succeeded: bool) -> Example | None:
+    """The first kept episode that got as far as most of its kind."""
+    from stages.report_videos import Example
+
+    folder = context.store.open(ref, "evaluation")
+    reader = EpisodeReader(folder / EXAMPLES)
+    records = list(enumerate(reader.records))
+    alike = [(place, record) for place, record in records if (record.outcome is Outcome.SUCCESS) == succeeded]
+    if not alike:
         return None
-    reached = Counter(len(reader.records[index].milestones) for index in indices)
-    usual = reached.most_common(1)[0][0]
-    return reader.read(next(index for index in indices if len(reader.records[index].milestones) == usual))
+    usual = Counter(len(record.milestones) for _, record in alike).most_common(1)[0][0]
+    place, record = next(pair for pair in alike if len(pair[1].milestones) == usual)
+    number = next(entry.episode for entry in read_evaluation(folder) if entry.seed == record.seed)
+    return Example(row.label, ref.id, number, reader.read(place))

@@ -125,6 +125,21 @@ def _record(seed: int) -> OperatorLog:
 
 
 @pytest.fixture(scope="session")
+def drawing() -> None:
+    """Skips where no OpenGL platform can draw."""
+    from juicer.errors import RenderingUnavailable
+    from juicer.sim.env import AssemblyEnv
+
+    env = AssemblyEnv("one_leg")
+    try:
+        env.render()
+    except RenderingUnavailable as error:
+        pytest.skip(str(error))
+    finally:
+        env.close()
+
+
+@pytest.fixture(scope="session")
 def insertions() -> list[Episode]:
     """Two demonstrations from the simulator: a leg, in the gripper from the start, is inserted and let go."""
     return [_insert(seed) for seed in (0, 1)]

@@ -1,8 +1,7 @@
-"""Commands that make something outside a flow: an evaluation, a film, a repaired artifact."""
+"""Commands that make something outside a flow: an evaluation, a repaired artifact."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,19 +14,12 @@ from flows.repair import repair
 from flows.settings import read_settings
 from flows.store import open_store
 from juicer.config import parse_config
-from juicer.errors import ConfigError, InvalidCheckpoint, WrongArtifactKind
+from juicer.errors import ConfigError, InvalidCheckpoint
 from juicer.tasks.registry import get_task
 
 if TYPE_CHECKING:
     from juicer.artifacts.ref import ArtifactRef
     from juicer.artifacts.store import ArtifactStore
-    from juicer.episode import Episode
-    from juicer.sim.film import Picture
-
-STRIP_PICTURES = 6
-STRIP_SIZE = (320, 240)
-FILM_SIZE = (480, 360)
-FRAMES_PER_SECOND = 20
 
 
 def evaluate_checkpoint(
@@ -87,50 +79,3 @@ def repair_artifact(text: str, files: Path | None, as_json: bool) -> None:
             say(f"  what was there before is kept in {each.aside}; delete it when you need it no more")
     if not repaired:
         say(f"{ref} is whole; nothing to repair")
-
-
-def replay_episode(text: str, index: int, video: Path, camera: str, speed: int, as_json: bool) -> None:
-    """``juicer replay``."""
-    from juicer.sim.env import CONTROL_HZ
-    from juicer.sim.film import draw, evenly_spaced, write_strip, write_video
-
-    settings = read_settings()
-    store = open_store(settings)
-    if not video.parent.is_dir():
-        raise ConfigError(f"folder '{video.parent}' for the film does not exist")
-    episode = _read(store, store.resolve(text), index)
-    stride = max(1, CONTROL_HZ * speed // FRAMES_PER_SECOND)
-    rate = CONTROL_HZ * speed // stride
-    steps = range(0, len(episode) + 1, stride)
-    width, height = FILM_SIZE
-    with opened(settings, None) as surroundings:
-        progress = surroundings.board.started("replay", video.name)
-
-        def counted() -> Iterator[Picture]:
-            for done, picture in enumerate(draw(episode, steps, camera, width, height), start=1):
-                progress(done, len(steps))
-                yield picture
-
-        write_video(video, counted(), rate)
-    strip = video.with_suffix(".png")
-    width, height = STRIP_SIZE
-    write_strip(strip, list(draw(episode, evenly_spaced(episode, STRIP_PICTURES), camera, width, height)))
-    record = episode.record
-    if as_json:
-        facts = {"outcome": record.outcome.value, "seed": record.seed, "steps": len(episode)}
-        say_json({"video": str(video), "strip": str(strip), **facts})
-    else:
-        say(f"{video}: {len(episode)} steps, {record.outcome.value}, initial state {record.seed}; pictures in {strip}")
-
-
-def _read(store: ArtifactStore, ref: ArtifactRef, index: int) -> Episode:
-    from juicer.storage.episodes import EpisodeReader
-    from juicer.storage.tables import EXAMPLES
-
-    if ref.kind not in ("episodes", "evaluation"):
-        raise WrongArtifactKind(f"{ref} holds no episodes to replay; see `juicer ls episodes`")
-    folder = store.open(ref)
-    reader = EpisodeReader(folder / EXAMPLES if ref.kind == "evaluation" else folder)
-    if not -len(reader) <= index < len(reader):
-        raise ConfigError(f"{ref} has episodes 0 to {len(reader) - 1}, not {index}")
-    return reader.read(index)

@@ -193,7 +193,7 @@ def explain_stage(name: str, choice: Choice, as_json: bool) -> None:
 
 
 def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore) -> None:
-    from stages.report import FILM, PAGE
+    from stages.report import PAGE
 
     rows = [
         [
@@ -214,7 +214,7 @@ def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore) -
         folder = store.open(outcome.report)
         say("")
         say(f"report   {folder / PAGE}")
-        if (folder / FILM).exists():
-            say(f"film     {folder / FILM}")
+        for video in sorted(folder.glob("*.mp4")):
+            say(f"video    {video}")
         say("pages    juicer ui   (Prefect's and MLflow's, on this machine)")
         say(f"lineage  juicer lineage {outcome.models[-1].evaluation.id}")

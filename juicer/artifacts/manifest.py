@@ -16,6 +16,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from juicer import __version__
+from juicer.artifacts.commit import source_commit
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ID_LENGTH, KINDS, ArtifactRef
 from juicer.config import canonical_json
@@ -66,7 +67,7 @@ class Manifest:
         recipe: What it was made of.
         files: Every file but the manifest itself, sorted by path.
         summary: JSON facts for people: counts, rates.
-        host: Where it was made: machine, platform, Python, number of CPUs, version of juicer.
+        host: Where it was made: machine, platform, Python, number of CPUs, version and commit of juicer.
         started: Local time with offset, ISO 8601.
         finished: The same.
         seconds: Wall time between the two.
@@ -203,13 +204,14 @@ class _Body(_Record):
 
 
 def describe_host() -> dict[str, Any]:
-    """Facts about this machine and interpreter that help to judge timings."""
+    """Facts about this machine, interpreter and code that help to judge timings and results."""
     return {
         "name": platform.node(),
         "platform": platform.platform(),
         "python": platform.python_version(),
         "cpus": os.cpu_count(),
         "juicer": __version__,
+        "commit": source_commit(),
     }
 
 

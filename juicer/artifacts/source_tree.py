@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import threading
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,6 +27,8 @@ class SourceTree:
     packages: Mapping[str, Path]
     plumbing: Collection[str] = ()
     _modules: dict[str, _Module] = field(default_factory=dict, repr=False)
+    # Models side by side ask at the same time, and Python 3.11 cannot parse in two threads at once.
+    _lock: threading.Lock = field(default_factory=threading.Lock, repr=False, compare=False)
 
     def versions(self, entry: str) -> dict[str, str]:
         """Fingerprint of a module and of all that it imports from the packages, by dotted name, sorted.
@@ -38,7 +41,8 @@ class SourceTree:
         while waiting:
             name = waiting.pop()
             if name not in found:
-                module = self._read(name)
+                with self._lock:
+                    module = self._read(name)
                 found[name] = module.version
                 waiting += module.imports
         return dict(sorted(found.items()))

@@ -35,14 +35,16 @@ class TrainingCurve:
     """One training run.
 
     Attributes:
-        label: What was trained, e.g. ``TA+CI, seed 0, round 1``.
+        label: What was trained, e.g. ``TA+CI, seed 0``.
         steps: Optimiser steps at which the losses were taken ``(K,)``.
         losses: Named curves ``(K,)`` over the steps, e.g. ``training`` and ``validation``; NaN where not measured.
+        group: What it shares its colour with where runs are laid over each other, e.g. ``TA+CI``.
     """
 
     label: str
     steps: NDArray[np.integer]
     losses: Mapping[str, NDArray[np.floating]]
+    group: str = ""
 
 
 @dataclass(frozen=True)
@@ -80,25 +82,6 @@ class DatasetSize:
 
 
 @dataclass(frozen=True)
-class FilmStrip:
-    """Moments of one episode.
-
-    Attributes:
-        title: E.g. ``Success``.
-        caption: Which policy and initial state, and what to see.
-        frames: Pictures in order of time ``(F, H, W, 3)`` uint8.
-        seconds: Simulated time of each frame since reset ``(F,)``.
-        labels: What happens in a frame, by index of the frame, e.g. a milestone's name.
-    """
-
-    title: str
-    caption: str
-    frames: NDArray[np.uint8]
-    seconds: tuple[float, ...]
-    labels: Mapping[int, str] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class LineageNode:
     """An artifact.
 
@@ -113,6 +96,118 @@ class LineageNode:
     kind: str
     label: str
     parents: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A still of an episode.
+
+    Attributes:
+        image: ``(H, W, 3)`` uint8.
+        step: Which step it shows.
+        seconds: Simulated time since reset.
+        video_seconds: Where it is in the video.
+        label: What happens, e.g. a milestone's name.
+    """
+
+    image: NDArray[np.uint8]
+    step: int
+    seconds: float
+    video_seconds: float
+    label: str = ""
+
+
+@dataclass(frozen=True)
+class EpisodeVideo:
+    """An episode to watch.
+
+    Attributes:
+        title: E.g. ``A success``.
+        caption: Which policy and initial state, and what to see.
+        mp4: The video, H.264.
+        width: Its width [pixels].
+        height: Its height [pixels].
+        poster: What stands in its place until it is played ``(height, width, 3)`` uint8.
+        moments: Stills in order of time.
+    """
+
+    title: str
+    caption: str
+    mp4: bytes
+    width: int
+    height: int
+    poster: NDArray[np.uint8]
+    moments: tuple[Moment, ...] = ()
+
+
+@dataclass(frozen=True)
+class EvaluatedEpisode:
+    """A row of an evaluation.
+
+    Attributes:
+        number: Its number in the evaluation.
+        initial_state: Seed of its initial state.
+        outcome: How it ended.
+        parts_assembled: Pairs assembled at its end.
+        steps: Its length.
+        milestones: Step at which each milestone was reached, by name; absent if never.
+    """
+
+    number: int
+    initial_state: int
+    outcome: str
+    parts_assembled: int
+    steps: int
+    milestones: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class EvaluatedModel:
+    """A trained model and every episode it was evaluated on.
+
+    Attributes:
+        condition: Name of the condition.
+        seed: Root seed of its training.
+        evaluation: Id of the evaluation.
+        checkpoint: Id of the checkpoint.
+        milestones: Names of the task's milestones, in order.
+        episodes: All of them.
+        lineage: The artifacts behind the evaluation and itself, parents in any order.
+    """
+
+    condition: str
+    seed: int
+    evaluation: str
+    checkpoint: str
+    milestones: tuple[str, ...]
+    episodes: tuple[EvaluatedEpisode, ...]
+    lineage: tuple[LineageNode, ...] = ()
+
+    @property
+    def label(self) -> str:
+        """E.g. ``TA+CI, seed 0``."""
+        return f"{self.condition}, seed {self.seed}"
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What somebody needs to make these results again, and to look behind them.
+
+    Attributes:
+        facts: Commits, machines and versions, by name.
+        configuration: The whole configuration as YAML; empty if it is not known.
+        file_name: Under which name it is best saved.
+        commands: To make the results again, in order.
+        caveat: Why they may not come out the same; empty if there is no reason.
+        links: Pages about the run, by name, as web addresses.
+    """
+
+    facts: Mapping[str, str] = field(default_factory=dict)
+    configuration: str = ""
+    file_name: str = "configuration.yaml"
+    commands: tuple[str, ...] = ()
+    caveat: str = ""
+    links: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -162,8 +257,10 @@ class ReportData:
         curves: Training runs.
         augmentations: Yield of each augmentation.
         datasets: Training data by condition.
-        films: A success, a typical failure.
+        videos: A success, a typical failure.
+        models: Every model with every episode of its evaluation.
         lineage: The artifacts behind the results, parents in any order.
+        provenance: How to make the results again; none if it is not known.
         costs: What each stage cost, in the order of the stages.
         next_steps: Commands worth typing.
     """
@@ -179,7 +276,9 @@ class ReportData:
     curves: tuple[TrainingCurve, ...] = ()
     augmentations: tuple[AugmentationYield, ...] = ()
     datasets: tuple[DatasetSize, ...] = ()
-    films: tuple[FilmStrip, ...] = ()
+    videos: tuple[EpisodeVideo, ...] = ()
+    models: tuple[EvaluatedModel, ...] = ()
     lineage: tuple[LineageNode, ...] = ()
+    provenance: Provenance | None = None
     costs: tuple[StageCost, ...] = ()
     next_steps: tuple[NextStep, ...] = ()

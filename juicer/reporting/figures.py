@@ -1,7 +1,7 @@
 """Charts as inline SVG that follows the page's colour scheme.
 
 Matplotlib draws with the placeholder colours below; each is then replaced by the page's CSS variable of
-the same meaning, so that one picture serves light and dark. Charts are drawn narrow (460 px), so that
+the same meaning, so that one drawing serves light and dark. Charts are drawn narrow (460 px), so that
 their lettering stays legible on a small screen.
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Sequence
+from html import escape
 from typing import Any
 
 import matplotlib as mpl
@@ -17,17 +18,29 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, PercentFormatter
+from numpy.typing import NDArray
 
 from juicer.evaluation import ConditionResult
 from juicer.reporting.content import AugmentationYield, Funnel, TrainingCurve
+from juicer.text import printable
 
 INK, MUTED, GRID, ACCENT, SECOND, SOFT = "#010101", "#020202", "#030303", "#040404", "#050505", "#060606"
-_VARIABLES = {INK: "ink", MUTED: "muted", GRID: "grid", ACCENT: "accent", SECOND: "second", SOFT: "soft"}
+GROUP_COLORS = tuple(f"#0707{number:02x}" for number in range(8))
+"""Of runs that are laid over each other."""
+_VARIABLES = {
+    **{INK: "ink", MUTED: "muted", GRID: "grid", ACCENT: "accent", SECOND: "second", SOFT: "soft"},
+    **{color: f"run{number}" for number, color in enumerate(GROUP_COLORS)},
+}
+DASHES: tuple[Any, ...] = ("solid", (0, (5, 1.6)), (0, (1.4, 1.4)))
+"""Line styles of the groups that share a colour, in turn."""
+_MOST_POINTS = 400
+"""Points of a drawn curve; more would not be seen."""
+_LONGEST_NAME = 48
 _WIDTH_IN = 6.4
 _STYLE: Any = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
-    "font.size": 11.5,
+    "font.size": 13,
     "axes.edgecolor": GRID,
     "axes.labelcolor": MUTED,
     "axes.spines.top": False,
@@ -36,6 +49,7 @@ _STYLE: Any = {
     "grid.color": GRID,
     "grid.linewidth": 0.8,
     "text.color": INK,
+    "text.parse_math": False,
     "xtick.color": MUTED,
     "ytick.color": INK,
     "xtick.major.size": 0,
@@ -56,7 +70,7 @@ def success_figure(results: Sequence[ConditionResult]) -> str:
             if len(rates) > 1:
                 axes.plot(rates, np.full(len(rates), row), "o", color=MUTED, markersize=4, markeredgewidth=0)
             axes.plot(result.average, row, "o", color=ACCENT, markersize=9, markeredgewidth=0)
-        axes.set_yticks(range(len(results)), [result.condition for result in results])
+        axes.set_yticks(range(len(results)), [printable(result.condition, _LONGEST_NAME) for result in results])
         axes.set_ylim(len(results) - 0.4, -0.6)
         axes.set_xlim(-0.02, 1.02)
         axes.xaxis.set_major_formatter(PercentFormatter(1.0))
@@ -70,14 +84,15 @@ def funnel_figure(funnel: Funnel) -> str:
     names = ["started", *funnel.reached]
     counts = [funnel.num_episodes, *funnel.reached.values()]
     with mpl.rc_context(_STYLE):
-        figure, axes = _figure(height_in=0.35 + 0.34 * len(names))
-        axes.barh(names, [funnel.num_episodes] * len(names), color=SOFT, height=0.72)
-        axes.barh(names, counts, color=ACCENT, height=0.72, alpha=0.85)
+        figure, axes = _figure(height_in=0.35 + 0.36 * len(names))
+        rows = range(len(names))
+        axes.barh(rows, [funnel.num_episodes] * len(names), color=SOFT, height=0.72)
+        axes.barh(rows, counts, color=ACCENT, height=0.72, alpha=0.85)
         for row, count in enumerate(counts):
             axes.text(funnel.num_episodes * 1.03, row, _share(count, funnel.num_episodes), va="center", color=INK)
-        axes.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
+        axes.set_yticks(rows, list(map(_words, names)))
         axes.set_ylim(len(names) - 0.4, -0.6)
-        axes.set_xlim(0, funnel.num_episodes * 1.28)
+        axes.set_xlim(0, max(1, funnel.num_episodes) * 1.28)
         _bare(axes)
         return _svg(figure, f"funnel {funnel.condition}", f"Milestones reached under {funnel.condition}")
 
@@ -87,32 +102,76 @@ def curve_figure(curve: TrainingCurve, limits: tuple[float, float]) -> str:
     with mpl.rc_context(_STYLE):
         figure, axes = _figure(height_in=2.5)
         for (name, values), color in zip(curve.losses.items(), (ACCENT, SECOND, MUTED), strict=False):
-            measured = np.isfinite(values) & (values > 0)
-            axes.plot(curve.steps[measured], values[measured], color=color, linewidth=1.6, label=name)
-        axes.set_yscale("log")
-        axes.set_ylim(*limits)
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if limits[1] > 20 * limits[0] else (1.0, 2.0, 5.0)))
-        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes.yaxis.set_minor_formatter(NullFormatter())
-        axes.set_xlabel("optimiser step")
-        axes.tick_params(axis="y", which="both", labelcolor=MUTED)
-        axes.grid(axis="y", which="major")
+            axes.plot(*_drawn(curve.steps, values), color=color, linewidth=1.6, label=printable(name, _LONGEST_NAME))
+        _scale_losses(axes, limits)
         if curve.losses:
             axes.legend(loc="upper right", labelcolor=INK)
         return _svg(figure, f"curve {curve.label}", f"Losses of {curve.label}")
 
 
+def overlay_figure(curves: Sequence[TrainingCurve], loss: str, limits: tuple[float, float]) -> str:
+    """One loss of every training run, laid over each other; runs of a group share colour and line style.
+
+    Each line has the class ``run-group-<number of its group>``, see :func:`curve_groups`.
+    """
+    groups = curve_groups(curves)
+    with mpl.rc_context(_STYLE):
+        figure, axes = _figure(height_in=3.6)
+        for curve in curves:
+            if loss in curve.losses:
+                number = groups.index(curve.group)
+                (line,) = axes.plot(
+                    *_drawn(curve.steps, curve.losses[loss]),
+                    color=GROUP_COLORS[number % len(GROUP_COLORS)],
+                    linestyle=DASHES[number // len(GROUP_COLORS) % len(DASHES)],
+                    linewidth=1.5,
+                    alpha=0.85,
+                )
+                line.set_gid(f"run-group-{number}")
+        _scale_losses(axes, limits)
+        drawing = _svg(figure, f"overlay {loss}", f"{loss} loss of every training run")
+        return re.sub(r' id="(run-group-[0-9]+)"', r' class="\1"', drawing)
+
+
+def curve_groups(curves: Sequence[TrainingCurve]) -> list[str]:
+    """Groups of runs in the order of their first occurrence."""
+    return list(dict.fromkeys(curve.group for curve in curves))
+
+
+def _drawn(
+    steps: NDArray[np.integer], values: NDArray[np.floating]
+) -> tuple[NDArray[np.integer], NDArray[np.floating]]:
+    """The points of a curve that a logarithmic scale can show, thinned out evenly if there are very many."""
+    measured = np.flatnonzero(np.isfinite(values) & (values > 0))
+    if len(measured) > _MOST_POINTS:
+        measured = measured[np.linspace(0, len(measured) - 1, _MOST_POINTS).round().astype(int)]
+    return steps[measured], values[measured]
+
+
+def _scale_losses(axes: Axes, limits: tuple[float, float]) -> None:
+    axes.set_yscale("log")
+    axes.set_ylim(*limits)
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0,) if limits[1] > 20 * limits[0] else (1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.set_xlabel("optimiser step")
+    axes.locator_params(axis="x", nbins=6)
+    axes.tick_params(axis="y", which="both", labelcolor=MUTED)
+    axes.grid(axis="y", which="major")
+
+
 def yield_figure(augmentation: AugmentationYield) -> str:
     """Corrective trajectories kept, and rejected by reason."""
     rejected = sorted(augmentation.rejected.items(), key=lambda item: -item[1])
-    names = ["kept", *(reason.replace("_", " ") for reason, _ in rejected)]
+    names = ["kept", *(_words(reason) for reason, _ in rejected)]
     counts = [augmentation.kept, *(count for _, count in rejected)]
     longest = max(1, *counts)
     with mpl.rc_context(_STYLE):
-        figure, axes = _figure(height_in=0.35 + 0.34 * len(names))
-        axes.barh(names, counts, color=[ACCENT, *[SECOND] * len(rejected)], height=0.72, alpha=0.85)
+        figure, axes = _figure(height_in=0.35 + 0.36 * len(names))
+        axes.barh(range(len(names)), counts, color=[ACCENT, *[SECOND] * len(rejected)], height=0.72, alpha=0.85)
         for row, count in enumerate(counts):
             axes.text(count + longest * 0.03, row, _share(count, sum(counts)), va="center", color=INK)
+        axes.set_yticks(range(len(names)), names)
         axes.set_ylim(len(names) - 0.4, -0.6)
         axes.set_xlim(0, longest * 1.3)
         _bare(axes)
@@ -138,6 +197,10 @@ def _bare(axes: Axes) -> None:
     axes.spines["left"].set_visible(False)
 
 
+def _words(name: str) -> str:
+    return printable(name, _LONGEST_NAME).replace("_", " ")
+
+
 def _share(count: int, total: int) -> str:
     return f"{count}  ({count / total:.0%})" if total else f"{count}"
 
@@ -145,7 +208,7 @@ def _share(count: int, total: int) -> str:
 def _svg(figure: Figure, name: str, description: str) -> str:
     buffer = io.StringIO()
     # The salt makes the ids within the drawing differ from those of its neighbours on the page, and repeat.
-    with mpl.rc_context({"svg.hashsalt": name}):
+    with mpl.rc_context({"svg.hashsalt": printable(name)}):
         figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     svg = re.sub(r"^.*?<svg ", "<svg ", buffer.getvalue(), count=1, flags=re.DOTALL)
     svg = re.sub(r'<svg [^>]*?viewBox="([^"]*)"[^>]*>', _opening_tag(description), svg, count=1)
@@ -160,5 +223,5 @@ def _svg(figure: Figure, name: str, description: str) -> str:
 
 
 def _opening_tag(description: str) -> str:
-    label = description.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;").replace("\\", "/")
+    label = escape(printable(description)).replace("\\", "/")
     return rf'<svg class="chart" role="img" aria-label="{label}" viewBox="\1">'

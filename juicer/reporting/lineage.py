@@ -1,9 +1,10 @@
-"""Draw artifacts and what they were made from: ancestors left, results right."""
+"""Draw artifacts and what they were made from: ancestors left and results right, or ancestors above results."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from graphlib import TopologicalSorter
 from html import escape
 from itertools import pairwise
 from statistics import fmean
@@ -12,27 +13,50 @@ import numpy as np
 from scipy.optimize import isotonic_regression
 
 from juicer.reporting.content import LineageNode
+from juicer.text import printable
 
-_NODE_WIDTH, _NODE_HEIGHT, _COLUMN_GAP, _MARGIN = 136.0, 42.0, 20.0, 8.0
-_NODE_SPACE, _BEND_SPACE = 58.0, 20.0
+_NODE_WIDTH, _NODE_HEIGHT, _LAYER_GAP, _NODE_GAP, _MARGIN = 136.0, 42.0, 20.0, 16.0, 8.0
+_VERTICAL_LAYER_GAP = 30.0
+_BEND_SPACE = 20.0
+_MIN_SCALE = 0.78
+"""How far a drawing shrinks before it scrolls: its letters stay legible."""
+
 _LABEL_LETTERS = 18
 _SWEEPS = 12
 
-# A bend of an edge that passes through a column: (child, parent, column). Bends take part in the ordering.
+# A bend of an edge that passes through a layer: (child, parent, layer). Bends take part in the ordering.
 _Bend = tuple[str, str, int]
 _Item = str | _Bend
+_Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class _Layout:
-    columns: Mapping[str, int]
-    places: Mapping[_Item, tuple[float, float]]
-    width: float
-    height: float
+    """Places of nodes and bends: how far along the direction in which results follow, and how far across it."""
+
+    layers: Mapping[str, int]
+    places: Mapping[_Item, _Point]
+    is_vertical: bool
+    length: float
+    breadth: float
+
+    @property
+    def thickness(self) -> float:
+        """Of a node, along."""
+        return _NODE_HEIGHT if self.is_vertical else _NODE_WIDTH
+
+    def point(self, along: float, across: float) -> str:
+        """Coordinates in the drawing."""
+        x, y = (across, along) if self.is_vertical else (along, across)
+        return f"{x:.1f} {y:.1f}"
 
 
-def lineage_graph(nodes: Sequence[LineageNode]) -> str:
+def lineage_graph(nodes: Sequence[LineageNode], *, is_vertical: bool = False) -> str:
     """Inline SVG of the graph; parents that are not among the nodes are left out.
+
+    Args:
+        nodes: In any order.
+        is_vertical: Whether ancestors stand above their results instead of left of them, for narrow pages.
 
     Returns:
         The drawing, or nothing if there are no nodes.
@@ -41,132 +65,128 @@ def lineage_graph(nodes: Sequence[LineageNode]) -> str:
         return ""
     known = {node.id: node for node in nodes}
     parents = {node.id: tuple(parent for parent in node.parents if parent in known) for node in nodes}
-    layout = _lay_out(parents)
+    layout = _lay_out(parents, is_vertical)
     edges = [_edge(child, parent, layout) for child in known for parent in parents[child]]
-    boxes = [_box(node, *layout.places[node.id]) for node in nodes]
+    boxes = [_box(node, layout) for node in nodes]
+    width, height = (layout.breadth, layout.length) if is_vertical else (layout.length, layout.breadth)
     return (
         f'<svg class="lineage" role="img" aria-label="Artifacts and their parents" '
-        f'viewBox="0 0 {layout.width:.0f} {layout.height:.0f}" '
-        f'style="max-width:{layout.width:.0f}px;min-width:{0.78 * layout.width:.0f}px">'
+        f'viewBox="0 0 {width:.0f} {height:.0f}" '
+        f'style="max-width:{width:.0f}px;min-width:{_MIN_SCALE * width:.0f}px">'
         f"{''.join(edges)}{''.join(boxes)}</svg>"
     )
 
 
-def _lay_out(parents: Mapping[str, Sequence[str]]) -> _Layout:
-    columns = _columns(parents)
-    order, neighbours = _chains(parents, columns)
-    _untangle(order, neighbours)
-    heights = _heights(order, neighbours)
-    top = min(heights.values()) - _NODE_HEIGHT / 2 - _MARGIN
-    places = {
-        item: (_MARGIN + index * (_NODE_WIDTH + _COLUMN_GAP), heights[item] - top)
-        for index, column in enumerate(order)
-        for item in column
-    }
-    return _Layout(
-        columns=columns,
-        places=places,
-        width=2 * _MARGIN + len(order) * (_NODE_WIDTH + _COLUMN_GAP) - _COLUMN_GAP,
-        height=max(heights.values()) - top + _NODE_HEIGHT / 2 + _MARGIN,
+def _lay_out(parents: Mapping[str, Sequence[str]], is_vertical: bool) -> _Layout:
+    thickness, extent, gap = (
+        (_NODE_HEIGHT, _NODE_WIDTH, _VERTICAL_LAYER_GAP) if is_vertical else (_NODE_WIDTH, _NODE_HEIGHT, _LAYER_GAP)
     )
+    layers = _layers(parents)
+    order, neighbours = _chains(parents, layers)
+    _untangle(order, neighbours)
+    across = _across(order, neighbours, extent + _NODE_GAP)
+    nodes = [across[node] for node in parents]
+    start = min(min(nodes) - extent / 2, min(across.values())) - _MARGIN
+    end = max(max(nodes) + extent / 2, max(across.values())) + _MARGIN
+    places = {
+        item: (_MARGIN + index * (thickness + gap), across[item] - start)
+        for index, layer in enumerate(order)
+        for item in layer
+    }
+    length = 2 * _MARGIN + len(order) * (thickness + gap) - gap
+    return _Layout(layers, places, is_vertical, length, end - start)
 
 
-def _columns(parents: Mapping[str, Sequence[str]]) -> dict[str, int]:
-    """Column of each node: one further right than its rightmost parent."""
-    columns: dict[str, int] = {}
-
-    def column(node: str) -> int:
-        if node not in columns:
-            columns[node] = 1 + max((column(parent) for parent in parents[node]), default=-1)
-        return columns[node]
-
-    for node in parents:
-        column(node)
-    return columns
+def _layers(parents: Mapping[str, Sequence[str]]) -> dict[str, int]:
+    """Layer of each node: one further than its furthest parent."""
+    layers: dict[str, int] = {}
+    for node in TopologicalSorter(parents).static_order():
+        layers[node] = 1 + max((layers[parent] for parent in parents[node]), default=-1)
+    return layers
 
 
 def _chains(
-    parents: Mapping[str, Sequence[str]], columns: Mapping[str, int]
+    parents: Mapping[str, Sequence[str]], layers: Mapping[str, int]
 ) -> tuple[list[list[_Item]], dict[_Item, list[_Item]]]:
-    """Nodes and bends by column, and what each is joined to in the columns beside it."""
-    order: list[list[_Item]] = [[] for _ in range(1 + max(columns.values()))]
+    """Nodes and bends by layer, and what each is joined to in the layers beside it."""
+    order: list[list[_Item]] = [[] for _ in range(1 + max(layers.values()))]
     neighbours: dict[_Item, list[_Item]] = {node: [] for node in parents}
-    for node, column in columns.items():
-        order[column].append(node)
+    for node, layer in layers.items():
+        order[layer].append(node)
     for child, its_parents in parents.items():
         for parent in its_parents:
             chain: list[_Item] = [parent]
-            for column in range(columns[parent] + 1, columns[child]):
-                bend = (child, parent, column)
-                order[column].append(bend)
+            for layer in range(layers[parent] + 1, layers[child]):
+                bend = (child, parent, layer)
+                order[layer].append(bend)
                 neighbours[bend] = []
                 chain.append(bend)
-            for left, right in pairwise([*chain, child]):
-                neighbours[left].append(right)
-                neighbours[right].append(left)
+            for before, after in pairwise([*chain, child]):
+                neighbours[before].append(after)
+                neighbours[after].append(before)
     return order, neighbours
 
 
 def _untangle(order: list[list[_Item]], neighbours: Mapping[_Item, Sequence[_Item]]) -> None:
-    """Sort each column by the mean height of its neighbours, sweeping right and left (barycentre heuristic)."""
+    """Sort each layer by the mean place of its neighbours, sweeping to and fro (barycentre heuristic)."""
     for sweep in range(_SWEEPS):
-        for before, column in pairwise(order if sweep % 2 == 0 else order[::-1]):
-            heights = {item: (row + 0.5) / len(before) for row, item in enumerate(before)}
+        for before, layer in pairwise(order if sweep % 2 == 0 else order[::-1]):
+            places = {item: (row + 0.5) / len(before) for row, item in enumerate(before)}
             wanted = {
-                item: fmean([heights[other] for other in neighbours[item] if other in heights] or [own / len(column)])
-                for own, item in enumerate(column, start=1)
+                item: fmean([places[other] for other in neighbours[item] if other in places] or [own / len(layer)])
+                for own, item in enumerate(layer, start=1)
             }
-            column.sort(key=wanted.__getitem__)
+            layer.sort(key=wanted.__getitem__)
 
 
-def _heights(order: Sequence[Sequence[_Item]], neighbours: Mapping[_Item, Sequence[_Item]]) -> dict[_Item, float]:
-    """Centre of each item: as near its neighbours as the space between items of a column allows."""
-    heights: dict[_Item, float] = {}
-    spaces = {
-        index: np.cumsum([0.0, *(_space(above, below) for above, below in pairwise(column))])
-        for index, column in enumerate(order)
-    }
-    for index, column in enumerate(order):
-        heights.update(zip(column, spaces[index] - spaces[index][-1] / 2, strict=True))
+def _across(
+    order: Sequence[Sequence[_Item]], neighbours: Mapping[_Item, Sequence[_Item]], node_space: float
+) -> dict[_Item, float]:
+    """Centre of each item: as near its neighbours as the space between items of a layer allows."""
+
+    def space(first: _Item, second: _Item) -> float:
+        return sum(node_space if isinstance(item, str) else _BEND_SPACE for item in (first, second)) / 2
+
+    places: dict[_Item, float] = {}
+    spaces = [np.cumsum([0.0, *(space(first, second) for first, second in pairwise(layer))]) for layer in order]
+    for layer, offsets in zip(order, spaces, strict=True):
+        places.update(zip(layer, offsets - offsets[-1] / 2, strict=True))
     for _ in range(_SWEEPS):
-        for index, column in enumerate(order):
-            wanted = [fmean(heights[other] for other in neighbours[item] or [item]) for item in column]
+        for layer, offsets in zip(order, spaces, strict=True):
+            wanted = [fmean(places[other] for other in neighbours[item] or [item]) for item in layer]
             # Straight bends are worth more than centred nodes: they make an edge easy to follow.
-            weights = [1.0 if isinstance(item, str) else 3.0 for item in column]
-            placed = isotonic_regression(np.array(wanted) - spaces[index], weights=weights).x + spaces[index]
-            heights.update(zip(column, placed.tolist(), strict=True))
-    return heights
-
-
-def _space(above: _Item, below: _Item) -> float:
-    return _NODE_SPACE / 2 * (isinstance(above, str) + isinstance(below, str)) + _BEND_SPACE / 2 * (
-        isinstance(above, tuple) + isinstance(below, tuple)
-    )
+            weights = [1.0 if isinstance(item, str) else 3.0 for item in layer]
+            placed = isotonic_regression(np.array(wanted) - offsets, weights=weights).x + offsets
+            places.update(zip(layer, placed.tolist(), strict=True))
+    return places
 
 
 def _edge(child: str, parent: str, layout: _Layout) -> str:
-    x, y = layout.places[parent]
-    x += _NODE_WIDTH
-    path = [f"M{x:.0f} {y:.1f}"]
-    for column in range(layout.columns[parent] + 1, layout.columns[child] + 1):
-        is_bend = column < layout.columns[child]
-        to_x, to_y = layout.places[(child, parent, column) if is_bend else child]
-        middle = (x + to_x) / 2
-        path.append(f"C{middle:.0f} {y:.1f} {middle:.0f} {to_y:.1f} {to_x:.0f} {to_y:.1f}")
-        x, y = to_x, to_y
+    along, across = layout.places[parent]
+    along += layout.thickness
+    path = [f"M{layout.point(along, across)}"]
+    for layer in range(layout.layers[parent] + 1, layout.layers[child] + 1):
+        is_bend = layer < layout.layers[child]
+        to_along, to_across = layout.places[(child, parent, layer) if is_bend else child]
+        middle = (along + to_along) / 2
+        turns = ((middle, across), (middle, to_across), (to_along, to_across))
+        path.append("C" + " ".join(layout.point(*turn) for turn in turns))
+        along, across = to_along, to_across
         if is_bend:
-            x += _NODE_WIDTH
-            path.append(f"H{x:.0f}")
+            along += layout.thickness
+            path.append(f"L{layout.point(along, across)}")
     return f'<path class="edge" d="{"".join(path)}"/>'
 
 
-def _box(node: LineageNode, x: float, y: float) -> str:
-    label = node.label if len(node.label) <= _LABEL_LETTERS else node.label[: _LABEL_LETTERS - 1] + "…"
-    short_id = node.id.rpartition("/")[2][:6]
+def _box(node: LineageNode, layout: _Layout) -> str:
+    along, across = layout.places[node.id]
+    x, y = (across - _NODE_WIDTH / 2, along) if layout.is_vertical else (along, across - _NODE_HEIGHT / 2)
+    known = printable(node.label)
+    label = known if len(known) <= _LABEL_LETTERS else known[: _LABEL_LETTERS - 1] + "…"
+    kind, short_id = escape(node.kind), escape(node.id.rpartition("/")[2][:6])
     return (
-        f'<g class="node {escape(node.kind)}"><title>{escape(node.label)}: {escape(node.id)}</title>'
-        f'<rect x="{x:.0f}" y="{y - _NODE_HEIGHT / 2:.1f}" width="{_NODE_WIDTH:.0f}" '
-        f'height="{_NODE_HEIGHT:.0f}" rx="6"/>'
-        f'<text x="{x + 9:.0f}" y="{y - 3:.1f}">{escape(label)}</text>'
-        f'<text class="id" x="{x + 9:.0f}" y="{y + 12:.1f}">{escape(node.kind)} {escape(short_id)}</text></g>'
+        f'<g class="node {kind}"><title>{escape(known)}: {escape(node.id)}</title>'
+        f'<rect x="{x:.1f}" y="{y:.1f}" width="{_NODE_WIDTH:.0f}" height="{_NODE_HEIGHT:.0f}" rx="6"/>'
+        f'<text x="{x + 9:.1f}" y="{y + 18:.1f}">{escape(label)}</text>'
+        f'<text class="id" x="{x + 9:.1f}" y="{y + 33:.1f}">{kind} {short_id}</text></g>'
     )

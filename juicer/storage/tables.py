@@ -17,7 +17,7 @@ MILESTONES = pa.map_(pa.string(), pa.int32())
 """Step at which each milestone was first reached, by name."""
 
 EXAMPLES = "examples"
-"""Folder of an evaluation with a few whole episodes, to be replayed and filmed."""
+"""Folder of an evaluation with a few whole episodes; the others can be computed again from their seeds."""
 
 _ANNOTATIONS = pa.schema(
     {

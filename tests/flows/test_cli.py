@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import resource
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import av
+import numpy as np
 import pytest
 
 import juicer
@@ -18,6 +22,7 @@ from flows.commands.choosing import Choice
 from flows.conditions import Condition
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
+from juicer.episode import STATE_KEY, Outcome
 from juicer.storage.episodes import write_episodes
 
 NOTHING_FOUND = {"damaged": {}, "stray": {}, "litter": {}, "unreadable": {}, "unseen": []}
@@ -122,10 +127,62 @@ def test_mistake_gets_one_sentence(capsys, store, arguments, message):
 
 def test_artifact_of_the_wrong_kind_is_named(capsys, store, episodes, annotations, tmp_path):
     assert "of kind 'episodes' but 'checkpoint' is needed" in complaint(capsys, "evaluate", episodes.id)
-    video = str(tmp_path / "film.mp4")
+    video = str(tmp_path / "video.mp4")
     assert "holds no episodes to replay" in complaint(capsys, "replay", annotations.id, "--video", video)
     assert "has episodes 0 to 0, not 4" in complaint(capsys, "replay", episodes.id, "-k", "4", "--video", video)
-    assert "folder" in complaint(capsys, "replay", episodes.id, "--video", "/nowhere/film.mp4")
+    assert "has episodes 0 to 0, not -1" in complaint(capsys, "replay", episodes.id, "-k", "-1", "--video", video)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--video", "/nowhere/video.mp4"], "folder '/nowhere' for the video does not exist"),
+        (["--video", "video.avi"], "video 'video.avi' must end in .mp4, .mov or .mkv"),
+        (["--video", "folder.mp4"], "video 'folder.mp4' is a folder"),
+        (["--camera", "frnt"], "unknown camera 'frnt'; did you mean 'front'?"),
+        (["--size", "big"], "size 'big' must be the width and height of a camera's image, e.g. 480x360"),
+        (["--size", "99999x99999"], "measures 160x120 to 1280x720 pixels, not 99999x99999"),
+        (["--size", "1e3x1e3"], "size '1e3x1e3' must be"),
+        (["--size", "-640x480"], "size '-640x480' must be"),
+        (["--video", "v" * 300 + ".mp4"], "cannot be written: File name too long"),
+    ],
+)
+def test_a_video_that_cannot_be_made_is_refused_before_anything_is_computed(
+    capsys, store, episodes, tmp_path, monkeypatch, arguments, message
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.mp4").mkdir()
+    assert message in complaint(capsys, "replay", episodes.id, *arguments)
+    assert not [path for path in tmp_path.iterdir() if path.name not in ("folder.mp4", "data")]
+
+
+def test_a_demonstration_is_replayed_with_both_cameras_at_the_size_of_choice(
+    capsys, store, insertions, tmp_path, monkeypatch, drawing
+):
+    monkeypatch.chdir(tmp_path)
+    recipe = Recipe("ingest", "episodes", config={"of": "the simulator"})
+    with store.create(recipe) as draft:
+        write_episodes(draft.path, insertions, {})
+    told = json_of(capsys, "replay", recipe.ref.id[:6], "-k", "1", "--size", "200x150", "--speed", "4")
+    assert (told["video"], told["strip"]) == (f"{recipe.ref.id}-1.mp4", f"{recipe.ref.id}-1.png")
+    assert (told["steps"], told["left_out"], told["seed"]) == (len(insertions[1]), 0, 1)
+    with av.open(told["video"]) as video:
+        stream = video.streams.video[0]
+        frames = [*video.decode(video=0)]
+        assert (stream.width, stream.average_rate) == (404, 20)
+    assert len(frames) == 1 + math.ceil(len(insertions[1]) / 2)
+    assert Path(told["strip"]).exists()
+
+
+def test_replay_leaves_out_what_cannot_be_drawn_and_says_so(capsys, store, insertions, tmp_path, drawing):
+    final = {**insertions[0].final, STATE_KEY: np.full_like(insertions[0].final[STATE_KEY], np.nan)}
+    record = replace(insertions[0].record, outcome=Outcome.DIVERGED)
+    recipe = Recipe("collect", "episodes", config={"of": "an explosion"})
+    with store.create(recipe) as draft:
+        write_episodes(draft.path, [replace(insertions[0], record=record, final=final)], {})
+    arguments = ["--camera", "front", "--size", "160x120", "--video", str(tmp_path / "video.mp4")]
+    assert call(["replay", recipe.ref.id, *arguments]) == 0
+    assert "frames left out: 1, whose state is not finite" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("facts", [{}, {"tasks": []}, {"tasks": "lamp"}, {"tasks": 3}])

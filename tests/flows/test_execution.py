@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
+from pathlib import Path
 
 import pytest
 
+from flows import execution
 from flows.conditions import Condition
 from flows.config import StudyConfig, load_runs
 from flows.execution import RunOutcome, execute, run_models
@@ -18,6 +20,7 @@ from juicer.episode import Outcome
 from juicer.errors import TrainingFailed
 from juicer.storage.tables import EvaluationRow, write_evaluation
 from stages.evaluate import facts
+from stages.report_data import configuration_text
 from stages.session import Session, StageInterrupted
 from stages.tracking.journal import END, MADE, RESULT, journals
 
@@ -167,3 +170,37 @@ def test_a_model_for_several_tasks_does_without_the_successes_of_one(store, tmp_
     (model,) = run_models(Session(store, perform=stub), study)
     assert model.evaluation is not None
     assert "none of 4" in model.finding
+
+
+@pytest.mark.parametrize("name", ["smoke.yaml", "table_vi.yaml", "paper.yaml", "study_one_leg.yaml", "demo.yaml"])
+def test_a_report_holds_the_configuration_that_makes_it_again(store, tmp_path, name):
+    for config in load_runs(Path(__file__).parents[2] / "configs" / name):
+        performed = []
+        stub = Stub(store)
+
+        def perform(call, session, stub=stub, performed=performed):
+            performed.append(call)
+            return stub(call, session)
+
+        models = tuple(run_models(Session(store, perform=Stub(store)), config, parallel=False))
+        execution.write_report(Session(store, perform=perform), config, RunOutcome(models, None), None)
+        (call,) = performed
+        path = tmp_path / "again.yaml"
+        path.write_text(configuration_text(call.recipe.config["configuration"]))
+        assert load_runs(path) == (config,)
+
+
+@pytest.mark.parametrize(
+    ("uri", "expected"),
+    [
+        ("https://user:secret@mlflow.example.org:5000/base/", "https://mlflow.example.org:5000/base/#/experiments"),
+        ("http://127.0.0.1:5000", "http://127.0.0.1:5000/#/experiments"),
+        ("sqlite:////tmp/mlflow.db", None),
+        ("none", None),
+        ("http://[", None),
+        ("", None),
+    ],
+)
+def test_a_report_links_to_a_tracking_server_without_its_password(monkeypatch, uri, expected):
+    monkeypatch.setenv("JUICER_TRACKING_URI", uri)
+    assert execution._links() == ({} if expected is None else {"MLflow": expected})

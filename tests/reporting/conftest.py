@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from datetime import datetime
 
 import numpy as np
@@ -11,10 +12,14 @@ from juicer.evaluation import PAPER_TABLE_VI, ModelResult, compare, summarise
 from juicer.reporting.content import (
     AugmentationYield,
     DatasetSize,
-    FilmStrip,
+    EpisodeVideo,
+    EvaluatedEpisode,
+    EvaluatedModel,
     Funnel,
     LineageNode,
+    Moment,
     NextStep,
+    Provenance,
     ReportData,
     StageCost,
     TrainingCurve,
@@ -30,26 +35,59 @@ def model(condition: str, seed: int, rate: float, episodes: int = 100) -> ModelR
     return ModelResult(seed=seed, initial_states=states, successes=tuple(bool(draw) for draw in draws))
 
 
-def curve(label: str, floor: float) -> TrainingCurve:
+def curve(condition: str, floor: float, seed: int = 0) -> TrainingCurve:
+    label = f"{condition}, seed {seed}"
     steps = np.arange(0, 20_000, 250)
     rng = stream(0, label)
     training = floor + 0.9 * np.exp(-steps / 2500) + 0.004 * rng.random(len(steps))
     validation = np.where(steps % 1000 == 0, training * 1.25, np.nan)
-    return TrainingCurve(label, steps, {"training": training, "validation": validation})
+    return TrainingCurve(label, steps, {"training": training, "validation": validation}, condition)
 
 
-def film(title: str, frames: int = 10) -> FilmStrip:
+def video(title: str, frames: int = 10) -> EpisodeVideo:
+    """A coloured disc that moves; there is no MuJoCo behind it."""
     across, down = np.meshgrid(np.linspace(0, 1, 320), np.linspace(0, 1, 240))
-    pictures = [
+    drawn = [
         np.stack([0.8 * down, 0.5 + 0.3 * across, np.hypot(across - index / frames, down - 0.5) < 0.2], axis=-1)
         for index in range(frames)
     ]
-    return FilmStrip(
+    images = (255 * np.clip(drawn, 0, 1)).astype(np.uint8)
+    labels = {2: "top placed", 4: "leg lifted", 5: "leg upright", 7: "inserted", 9: "screwed"}
+    return EpisodeVideo(
         title=title,
-        caption="TA+CI, seed 0, initial state 3000004, front camera.",
-        frames=(255 * np.clip(pictures, 0, 1)).astype(np.uint8),
-        seconds=tuple(4.7 * index for index in range(frames)),
-        labels={2: "top_placed", 4: "leg_lifted", 5: "leg_upright", 7: "inserted", 9: "screwed"},
+        caption="TA+CI, seed 0, episode 4, initial state 3000004: success after 423 steps.",
+        mp4=b"no real video",
+        width=320,
+        height=240,
+        poster=images[-1],
+        moments=tuple(
+            Moment(image, 47 * index, 4.7 * index, 0.5 * index, labels.get(index, ""))
+            for index, image in enumerate(images)
+        ),
+    )
+
+
+def evaluated(condition: str, seed: int, rate: float, episodes: int = 100) -> EvaluatedModel:
+    """Every episode of a model; those that fail get half-way."""
+    successes = model(condition, seed, rate, episodes).successes
+    return EvaluatedModel(
+        condition=condition,
+        seed=seed,
+        evaluation=f"{zlib.crc32(f'{condition}{seed}'.encode()):08x}00000000",
+        checkpoint=f"{seed:08x}11111111",
+        milestones=MILESTONES,
+        episodes=tuple(
+            EvaluatedEpisode(
+                number=index,
+                initial_state=3_000_000 + index,
+                outcome="success" if succeeded else ("timeout" if index % 4 else "part lost"),
+                parts_assembled=int(succeeded),
+                steps=423 if succeeded else 650,
+                milestones={name: 60 * (place + 1) for place, name in enumerate(MILESTONES[: 6 if succeeded else 3])},
+            )
+            for index, succeeded in enumerate(successes)
+        ),
+        lineage=lineage()[:4],
     )
 
 
@@ -96,9 +134,7 @@ def report_data() -> ReportData:
             Funnel("BC", 100, dict(zip(MILESTONES, (97, 88, 84, 71, 55, 52), strict=True))),
             Funnel("TA+CI", 100, dict(zip(MILESTONES, (100, 99, 98, 96, 93, 92), strict=True))),
         ),
-        curves=tuple(
-            curve(f"{name}, seed 0", floor) for name, floor in (("BC", 0.02), ("TA", 0.018), ("TA+CI", 0.012))
-        ),
+        curves=tuple(curve(name, floor) for name, floor in (("BC", 0.02), ("TA", 0.018), ("TA+CI", 0.012))),
         augmentations=(
             AugmentationYield(
                 "50 demonstrations", 150, {"did_not_return": 31, "part_dropped": 12}, {"insert leg": (150, 193)}
@@ -112,8 +148,16 @@ def report_data() -> ReportData:
                 {"teleop": 28_900, "rollout": 44_120, "augmentation": 8_250},
             ),
         ),
-        films=(film("A success"), film("A typical failure")),
+        videos=(video("A success"), video("A typical failure")),
+        models=(evaluated("BC", 0, 0.52), evaluated("TA+CI", 0, 0.92)),
         lineage=lineage(),
+        provenance=Provenance(
+            facts={"Evaluated at commit": "2b0e8fd4b356c8be3a411328cb7838f5ec18956c", "Evaluated on": "host: 2 CPUs"},
+            configuration="flow: study\nname: one_leg\n",
+            file_name="one_leg.yaml",
+            commands=("git checkout 2b0e8fd4b356c8be3a411328cb7838f5ec18956c", "juicer run one_leg.yaml"),
+            links={"MLflow": "https://mlflow.example.org/#/experiments"},
+        ),
         costs=(
             StageCost("ingest", 1, 4.2, 18.5),
             StageCost("augment", 1, 61.0, 12.1),

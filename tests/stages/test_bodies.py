@@ -2,31 +2,44 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import shutil
 from dataclasses import dataclass, replace
 
+import av
 import numpy as np
 import pytest
 
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.augmentation.config import ToleranceConfig
+from juicer.config import read_mapping
 from juicer.critical_states import AnnotationConfig
-from juicer.errors import InvalidCheckpoint, NothingLeft, TrainingFailed, WrongArtifactKind
+from juicer.episode import Outcome
+from juicer.errors import (
+    ArtifactError,
+    ConfigError,
+    InvalidCheckpoint,
+    NothingLeft,
+    RenderingUnavailable,
+    TrainingFailed,
+    WrongArtifactKind,
+)
 from juicer.ingestion import IngestionConfig
 from juicer.policy.checkpoint import load_policy
 from juicer.policy.config import HorizonConfig
 from juicer.rollout import rollout
 from juicer.storage.curves import read_curves
 from juicer.storage.episodes import EpisodeReader, write_episodes
-from juicer.storage.tables import read_annotations, read_evaluation, read_selection
+from juicer.storage.tables import read_annotations, read_evaluation, read_selection, write_evaluation
 from juicer.teleoperation.log import write_log
 from juicer.training.config import TrainingConfig, WindowConfig
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import CollectConfig, collect
 from stages.evaluate import EvaluateConfig, evaluate
+from stages.evaluated import evaluated_row, kept_episode, recomputed_episode
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
 from stages.record import RecordConfig, record
@@ -312,6 +325,117 @@ def test_report_tells_of_every_condition_and_finding(loop):
     assert json.dumps(summary(loop, ref)["best_condition"]) == '"TA"'
 
 
+def write_report(loop, evaluation=None, **facts):
+    config = ReportConfig(title="A study", rows=(ReportRow(condition="TA", seed=0),), **facts)
+    return report(loop.session, evaluations=(evaluation or loop.evaluation,), config=config)
+
+
+def test_report_shows_a_video_of_an_episode_and_lists_all(loop, drawing):
+    ref = write_report(loop, configuration={"flow": "study", "name": "A study"})
+    folder = loop.store.open(ref)
+    page = (folder / "report.html").read_text()
+    assert summary(loop, ref)["videos"] == ["failure.mp4"]
+    with av.open(str(folder / "failure.mp4")) as video:
+        frames = [*video.decode(video=0)]
+    assert len(frames) == 1 + EVALUATE.max_steps // 2
+    assert base64.b64encode((folder / "failure.mp4").read_bytes()).decode() in page
+    assert "A typical failure" in page
+    for row in read_evaluation(loop.store.open(loop.evaluation)):
+        assert f"{row.episode}\t{row.seed}\t{row.outcome.value}\t" in page
+    assert "juicer run A-study.yaml" in page
+    assert read_mapping(folder / "configuration.yaml") == {"flow": "study", "name": "A study"}
+
+
+def test_report_is_written_where_nothing_can_be_drawn(loop, monkeypatch):
+    def refuse(*_):
+        raise RenderingUnavailable("no OpenGL platform can draw an image here")
+
+    monkeypatch.setattr("juicer.sim.rendering.CameraRenderer.draw", refuse)
+    ref = write_report(loop, findings=("drawn nowhere",))
+    page = (loop.store.open(ref) / "report.html").read_text()
+    assert "No videos or images of episodes: no OpenGL platform can draw an image here." in page
+    assert "<video" not in page
+    assert summary(loop, ref)["videos"] == []
+    assert not list(loop.store.open(ref).glob("*.mp4"))
+
+
+def test_addresses_of_pages_are_shown_but_are_no_part_of_a_report_s_identity(loop):
+    links = {"MLflow": "https://mlflow.example.org/#/experiments"}
+    with_links = ReportConfig(title="Addresses", rows=(ReportRow(condition="TA", seed=0),), links=links)
+    without = with_links.model_copy(update={"links": {}})
+    found = report.prepare(evaluations=(loop.evaluation,), config=with_links).recipe
+    assert found.id == report.prepare(evaluations=(loop.evaluation,), config=without).recipe.id
+    ref = report(loop.session, evaluations=(loop.evaluation,), config=with_links)
+    assert links["MLflow"] in (loop.store.open(ref) / "report.html").read_text()
+
+
+def test_report_does_without_what_is_lost_and_says_so(loop, tmp_path):
+    store = ArtifactStore(tmp_path / "store")
+    shutil.copytree(loop.store.url, tmp_path / "store")
+    damaged = store.open(loop.checkpoint) / "curves.json"
+    store.discard(loop.demonstrations)
+    damaged.write_text("[]")
+    lossy = replace(loop, session=replace(loop.session, store=store))
+    page = (store.open(write_report(lossy)) / "report.html").read_text()
+    assert f"{loop.demonstrations} is no longer there or damaged; what it tells is missing here" in page
+    assert f"No curves of {loop.checkpoint}" in page
+    (store.open(loop.annotations) / "manifest.json").write_text("nonsense")
+    store.discard(loop.checkpoint)
+    page = (store.open(write_report(lossy, findings=("once more",))) / "report.html").read_text()
+    assert f"{loop.checkpoint} is no longer there or damaged" in page
+
+
+def test_a_report_on_nothing_is_refused_in_a_sentence(loop):
+    with pytest.raises(NothingLeft, match="no evaluation to report on"):
+        report(loop.session, evaluations=(), config=ReportConfig(title="Nothing"))
+    with pytest.raises(ConfigError, match="a report on 1 evaluations needs as many rows that name them, got 0"):
+        report(loop.session, evaluations=(loop.evaluation,), config=ReportConfig(title="Nothing"))
+    recipe = replace(loop.store.manifest(loop.evaluation).recipe, config={"made": "empty"})
+    with loop.store.create(recipe) as draft:
+        write_evaluation(draft.path, [])
+    with pytest.raises(ArtifactError, match="holds no episode, so it says nothing about TA, seed 0"):
+        write_report(loop, evaluation=recipe.ref)
+
+
+def test_an_episode_that_was_not_kept_is_computed_again_as_it_was(loop):
+    ref = evaluate(loop.session, checkpoint=loop.checkpoint, config=EVALUATE.model_copy(update={"episodes": 5}))
+    rows = read_evaluation(loop.store.open(ref))
+    assert [kept_episode(loop.store, ref, row) is not None for row in rows] == [True] * 3 + [False] * 2
+    for row in rows:
+        found = recomputed_episode(loop.store, ref, row)
+        assert found.differences == ()
+        assert (found.episode.record.outcome, len(found.episode)) == (row.outcome, row.length)
+    kept, again = kept_episode(loop.store, ref, rows[1]), recomputed_episode(loop.store, ref, rows[1])
+    for name, values in kept.episode.steps.items():
+        np.testing.assert_array_equal(again.episode.steps[name], values)
+    assert again.episode.record == kept.episode.record
+    with pytest.raises(ConfigError, match="has episodes 0 to 4, not 5"):
+        evaluated_row(loop.store, ref, 5)
+    with pytest.raises(ConfigError, match="has episodes 0 to 4, not -1"):
+        evaluated_row(loop.store, ref, -1)
+
+
+def test_an_episode_that_comes_out_otherwise_is_not_passed_off_as_the_evaluated_one(loop):
+    row = evaluated_row(loop.store, loop.evaluation, 0)
+    claimed = replace(row, outcome=Outcome.SUCCESS, length=7, parts_assembled=1, milestones={"top_placed": 3})
+    found = recomputed_episode(loop.store, loop.evaluation, claimed)
+    assert found.differences == (
+        "it ends as timeout, not as success",
+        "it takes 12 steps, not 7",
+        "0 parts are assembled, not 1",
+        "it reaches no milestone, not top_placed at step 3",
+        "code and libraries are the same, so the processor or its mathematical libraries differ",
+    )
+
+
+def test_an_episode_whose_policy_is_gone_is_told_in_a_sentence(loop, tmp_path):
+    shutil.copytree(loop.store.url, tmp_path / "store")
+    store = ArtifactStore(tmp_path / "store")
+    store.discard(loop.checkpoint)
+    with pytest.raises(ArtifactError, match=f"artifact {loop.checkpoint} does not exist"):
+        recomputed_episode(store, loop.evaluation, evaluated_row(store, loop.evaluation, 0))
+
+
 def test_report_on_a_model_for_several_tasks_tells_their_data_apart(loop):
     store = loop.store
 
@@ -333,7 +457,7 @@ def test_report_on_a_model_for_several_tasks_tells_their_data_apart(loop):
     checkpoint = copied(loop.checkpoint, inputs={"episodes": data})
     evaluation = copied(loop.evaluation, inputs={"checkpoint": (checkpoint,)})
     rows = [ReportRow(condition="multitask", seed=0)]
-    told = gather(store, [evaluation], rows, title="", task="one_leg", facts={}, findings=(), films=())
+    told = gather(store, [evaluation], rows, title="", task="one_leg", facts={}, findings=())
     steps = summary(loop, loop.demonstrations)["steps"]
     assert told.facts["Demonstrations"] == f"one_leg 2 ({steps} steps), lamp 2 ({steps} steps)"
     assert [each.label for each in told.augmentations] == [
@@ -341,7 +465,7 @@ def test_report_on_a_model_for_several_tasks_tells_their_data_apart(loop):
         "2 corrective episodes of lamp",
     ]
     store.set_aside(of_lamp)
-    told = gather(store, [evaluation], rows, title="", task="one_leg", facts={}, findings=(), films=())
+    told = gather(store, [evaluation], rows, title="", task="one_leg", facts={}, findings=())
     assert told.facts["Demonstrations"] == f"2 ({steps} steps)"
     assert told.augmentations[1].label == "2 corrective episodes of demonstrations that are no longer there"
 
