@@ -20,6 +20,7 @@ from juicer.text import printable
 
 MOST_SEEDS = 1000
 FLOW_KEY = "flow"
+MIX_KEY = "mix"
 DEFAULT_FLOW = "collect_infer"
 
 RunSeed = Annotated[int, Field(ge=0, le=1_000_000)]
@@ -200,10 +201,9 @@ def runs_of(written: Written, origin: str) -> tuple[RunConfig, ...]:
         raise ConfigError(
             f"{written.place((FLOW_KEY,)) or origin}: unknown flow '{printable(flow)}'{did_you_mean(str(flow), _FLOWS)}"
         )
-    if "mix" in written.values:
-        raise ConfigError(
-            f"{written.place(('mix',)) or origin}: unknown key 'mix'; several tasks are listed under tasks"
-        )
+    if MIX_KEY in written.values and TASKS_KEY in written.values:
+        place = written.place((MIX_KEY,)) or origin
+        raise ConfigError(f"{place}: key 'mix' does not go with tasks, which it is made of; leave it out")
     return tuple(parse_config(each.values, _FLOWS[flow], origin, each.place) for each in _each_task(written, origin))
 
 

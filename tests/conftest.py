@@ -131,6 +131,7 @@ def drawing() -> None:
     from juicer.sim.env import AssemblyEnv
 
     env = AssemblyEnv("one_leg")
+    env.reset(seed=0)
     try:
         env.render()
     except RenderingUnavailable as error:

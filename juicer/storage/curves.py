@@ -6,12 +6,20 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
+from pydantic import TypeAdapter
+
+from juicer.errors import ArtifactError
 from juicer.progress import MetricSink
+from juicer.reading import read_bounded
 
 CURVES_FILE = "curves.json"
 
 Curves = Mapping[str, tuple[tuple[int, ...], tuple[float, ...]]]
 """Steps and values, by name."""
+
+MOST_BYTES = 2**28
+"""Of a file of curves: millions of points."""
+_POINTS = TypeAdapter(dict[str, list[tuple[int, float]]])
 
 
 class CurveWriter:
@@ -46,11 +54,18 @@ class CurveWriter:
 
 
 def read_curves(folder: Path) -> Curves:
-    """Curves of an artifact; none if it has no such file."""
+    """Curves of an artifact; none if it has no such file.
+
+    Raises:
+        ArtifactError: If the file is not one that juicer wrote.
+    """
     path = folder / CURVES_FILE
-    if not path.exists():
+    try:
+        content = _POINTS.validate_json(read_bounded(path, MOST_BYTES))
+    except FileNotFoundError:
         return {}
-    content = json.loads(path.read_text())
+    except (OSError, ValueError, RecursionError):
+        raise ArtifactError(f"'{path}' holds no curves that juicer wrote; make its artifact again") from None
     return {
         name: (tuple(step for step, _ in points), tuple(value for _, value in points))
         for name, points in content.items()

@@ -7,6 +7,7 @@ the records.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, fields
 from functools import cached_property
@@ -22,10 +23,16 @@ from zarr.codecs import BloscCodec
 from juicer.episode import FINAL_KEYS, STEP_DTYPES, Episode, EpisodeRecord, Outcome, Source
 from juicer.errors import ArtifactError, InvalidEpisode, NothingLeft
 from juicer.storage.tables import MILESTONES, read_table, write_table
+from juicer.text import printable
 
 SCHEMA_VERSION = 1
 CHUNK_STEPS = 2048
 """Steps a chunk: a few megabytes for the simulator state, so that an episode touches one or two chunks an array."""
+
+MOST_BYTES = 2**36
+MOST_CHUNK_BYTES = 2**30
+MOST_METADATA_BYTES = 2**24
+"""Of an array, of a chunk of one and of the group's description: far more than juicer writes."""
 
 _RECORDS = pa.schema(
     {
@@ -44,6 +51,8 @@ _RECORDS = pa.schema(
         "device": pa.string(),
     }
 )
+
+_OPTIONAL = ("policy", "parent", "critical_state", "device")
 
 Array = NDArray[Any]
 
@@ -101,20 +110,22 @@ class EpisodeReader:
         """Open the episodes of an artifact.
 
         Raises:
-            ArtifactError: If the folder holds no episodes, or those of another schema version.
+            ArtifactError: If the folder holds no episodes that juicer wrote, or those of another schema version.
         """
         self._folder = folder
+        self._group = _open_group(folder / "episodes.zarr")
         try:
-            self._group = zarr.open_group(folder / "episodes.zarr", mode="r", zarr_format=3)
-        except FileNotFoundError:
-            raise ArtifactError(f"'{folder}' holds no episodes") from None
-        self.attributes: dict[str, Any] = dict(self._group.attrs)
+            self.attributes: dict[str, Any] = dict(self._group.attrs)
+        except (TypeError, ValueError):
+            self.attributes = {}
         if (version := self.attributes.pop("schema_version", None)) != SCHEMA_VERSION:
             raise ArtifactError(
-                f"episodes in '{folder}' have schema version {version}; this juicer reads {SCHEMA_VERSION}"
+                f"episodes in '{folder}' have schema version {printable(version)}; this juicer reads {SCHEMA_VERSION}"
             )
-        self.episode_ends: NDArray[np.int64] = self._array("meta/episode_ends")[:]
+        self.episode_ends: NDArray[np.int64] = self._read("meta/episode_ends", slice(None))
         self.lengths: NDArray[np.int64] = np.diff(self.episode_ends, prepend=0)
+        if self.episode_ends.ndim != 1 or self.episode_ends.dtype != np.int64 or np.any(self.lengths < 1):
+            raise self._refusal("its episodes have no ends")
 
     def __len__(self) -> int:
         """Number of episodes."""
@@ -124,14 +135,19 @@ class EpisodeReader:
     def records(self) -> list[EpisodeRecord]:
         """Facts about every episode."""
         names = [field.name for field in fields(EpisodeRecord)]
-        rows = read_table(self._folder / "episodes.parquet", _RECORDS)
-        return [
-            EpisodeRecord(
-                **{name: row[name] for name in names}
-                | {"source": Source(row["source"]), "outcome": Outcome(row["outcome"])}
-            )
-            for row in rows
-        ]
+        rows = read_table(self._folder / "episodes.parquet", _RECORDS, _OPTIONAL)
+        if [row["length"] for row in rows] != self.lengths.tolist():
+            raise self._refusal("its table and its arrays are of different episodes")
+        try:
+            return [
+                EpisodeRecord(
+                    **{name: row[name] for name in names}
+                    | {"source": Source(row["source"]), "outcome": Outcome(row["outcome"])}
+                )
+                for row in rows
+            ]
+        except ValueError as error:
+            raise self._refusal(printable(error)) from None
 
     def read(self, index: int) -> Episode:
         """One episode; negative indices count from the end.
@@ -144,8 +160,8 @@ class EpisodeReader:
         span = slice(end - int(self.lengths[index]), end)
         return Episode(
             record=self.records[index],
-            steps={key: self._array(f"data/{key}")[span] for key in STEP_DTYPES},
-            final={key: self._array(f"final/{key}")[index] for key in FINAL_KEYS},
+            steps={key: self._read(f"data/{key}", span) for key in STEP_DTYPES},
+            final={key: self._read(f"final/{key}", index) for key in FINAL_KEYS},
         )
 
     def steps(self, key: str) -> Array:
@@ -156,10 +172,50 @@ class EpisodeReader:
         """
         if not len(self):
             raise NothingLeft(f"the episodes in '{self._folder}' are none")
-        return np.asarray(self._array(f"data/{key}")[:])
+        return self._read(f"data/{key}", slice(None))
 
-    def _array(self, path: str) -> Any:
-        return self._group[path]
+    def _read(self, path: str, selection: slice | int) -> Array:
+        """Part of an array, whose size and type are looked at before memory is taken for it."""
+        array = self._find(path)
+        try:
+            return np.asarray(array[selection])
+        # Each codec has its own errors for content that is none of its own.
+        except Exception as error:
+            raise self._refusal(f"array '{path}' cannot be unpacked: {printable(error)}") from None
+
+    def _find(self, path: str) -> zarr.Array[Any]:
+        try:
+            array = self._group[path]
+        except Exception as error:
+            raise self._refusal(f"array '{path}' cannot be opened: {printable(error)}") from None
+        if not isinstance(array, zarr.Array) or not array.shape:
+            raise self._refusal(f"'{path}' is no array of theirs")
+        chunk = array.dtype.itemsize * math.prod(array.chunks)
+        if array.dtype.kind not in "if" or array.nbytes > MOST_BYTES or chunk > MOST_CHUNK_BYTES:
+            raise self._refusal(f"array '{path}' has an absurd size or type")
+        kind, _, key = path.partition("/")
+        if kind == "data" and (array.shape[0] != self.episode_ends[-1] or array.dtype != STEP_DTYPES[key]):
+            raise self._refusal(f"array '{path}' is not one of theirs")
+        if kind == "final" and (array.shape[0] != len(self) or array.dtype != STEP_DTYPES[key]):
+            raise self._refusal(f"array '{path}' is not one of theirs")
+        return array
+
+    def _refusal(self, reason: str) -> ArtifactError:
+        return ArtifactError(f"episodes in '{self._folder}' were not written by juicer: {reason}")
+
+
+def _open_group(path: Path) -> zarr.Group:
+    try:
+        if (path / "zarr.json").stat().st_size > MOST_METADATA_BYTES:
+            raise ArtifactError(f"'{path}' has a description of absurd size")
+        return zarr.open_group(path, mode="r", zarr_format=3)
+    except (FileNotFoundError, NotADirectoryError):
+        raise ArtifactError(f"'{path.parent}' holds no episodes") from None
+    except ArtifactError:
+        raise
+    # What the library raises for a description that is none is not written down.
+    except Exception as error:
+        raise ArtifactError(f"'{path.parent}' holds no episodes that juicer wrote: {printable(error)}") from None
 
 
 class _Appender:

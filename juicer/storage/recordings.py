@@ -80,5 +80,5 @@ def read_recordings(folder: Path) -> list[Recording]:
 
 
 def _read(folder: Path) -> Iterator[Recording]:
-    for row in read_table(folder / RECORDINGS, _SCHEMA):
+    for row in read_table(folder / RECORDINGS, _SCHEMA, optional=("episode", "num_steps")):
         yield Recording(**{**row, "kept": tuple(row["kept"])})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -12,6 +12,10 @@ import pyarrow.parquet as pq
 
 from juicer.episode import Episode, Outcome
 from juicer.errors import ArtifactError
+from juicer.text import printable
+
+MOST_ROWS = 10_000_000
+"""Of a table: far more than any has, and no more than memory holds."""
 
 MILESTONES = pa.map_(pa.string(), pa.int32())
 """Step at which each milestone was first reached, by name."""
@@ -110,7 +114,10 @@ def write_evaluation(folder: Path, rows: Iterable[EvaluationRow]) -> None:
 def read_evaluation(folder: Path) -> list[EvaluationRow]:
     """Read ``evaluation.parquet``."""
     rows = read_table(folder / "evaluation.parquet", _EVALUATION)
-    return [EvaluationRow(**{**row, "outcome": Outcome(row["outcome"])}) for row in rows]
+    try:
+        return [EvaluationRow(**{**row, "outcome": Outcome(row["outcome"])}) for row in rows]
+    except ValueError as error:
+        raise ArtifactError(f"'{folder}' is not an evaluation that juicer wrote: {printable(error)}") from None
 
 
 def write_table(path: Path, schema: pa.Schema, rows: Iterable[Mapping[str, Any]]) -> None:
@@ -118,19 +125,32 @@ def write_table(path: Path, schema: pa.Schema, rows: Iterable[Mapping[str, Any]]
     pq.write_table(pa.Table.from_pylist(list(rows), schema=schema), path)
 
 
-def read_table(path: Path, schema: pa.Schema) -> list[dict[str, Any]]:
+def read_table(path: Path, schema: pa.Schema, optional: Collection[str] = ()) -> list[dict[str, Any]]:
     """Read every row of a Parquet file; map columns become dictionaries.
 
+    Args:
+        path: The file.
+        schema: Names and types of its columns.
+        optional: Columns that need not have a value in every row.
+
     Raises:
-        ArtifactError: If the file is missing or has another schema.
+        ArtifactError: If the file is missing, has another schema, lacks values, or has absurdly many rows.
     """
     try:
-        table = pq.read_table(path)
-    except (FileNotFoundError, pa.ArrowInvalid):
+        with pq.ParquetFile(path) as file:
+            if file.metadata.num_rows > MOST_ROWS:
+                raise ArtifactError(f"'{path}' has {file.metadata.num_rows:,} rows; juicer reads {MOST_ROWS:,}")
+            table = file.read()
+    except (OSError, pa.ArrowException):
         raise ArtifactError(f"'{path}' is not a Parquet table that juicer wrote") from None
     if not table.schema.equals(schema):
-        raise ArtifactError(
-            f"'{path}' has the columns {table.schema.names} of another version; expected {schema.names}"
-        )
-    rows: list[dict[str, Any]] = table.to_pylist(maps_as_pydicts="strict")
+        names = printable(table.schema.names)
+        raise ArtifactError(f"'{path}' has the columns {names} of another version; expected {schema.names}")
+    for name in schema.names:
+        if name not in optional and table.column(name).null_count:
+            raise ArtifactError(f"'{path}' lacks values in its column '{name}'; make its artifact again")
+    try:
+        rows: list[dict[str, Any]] = table.to_pylist(maps_as_pydicts="strict")
+    except (pa.ArrowException, KeyError, ValueError) as error:
+        raise ArtifactError(f"'{path}' is not a table that juicer wrote: {printable(error)}") from None
     return rows

@@ -139,7 +139,6 @@ def test_artifact_of_the_wrong_kind_is_named(capsys, store, episodes, annotation
         (["--video", "/nowhere/video.mp4"], "folder '/nowhere' for the video does not exist"),
         (["--video", "video.avi"], "video 'video.avi' must end in .mp4, .mov or .mkv"),
         (["--video", "folder.mp4"], "video 'folder.mp4' is a folder"),
-        (["--camera", "frnt"], "unknown camera 'frnt'; did you mean 'front'?"),
         (["--size", "big"], "size 'big' must be the width and height of a camera's image, e.g. 480x360"),
         (["--size", "99999x99999"], "measures 160x120 to 1280x720 pixels, not 99999x99999"),
         (["--size", "1e3x1e3"], "size '1e3x1e3' must be"),

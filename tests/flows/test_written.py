@@ -189,7 +189,8 @@ def test_configuration_without_a_file_is_read_like_one():
         ({"record": {"seed": True}}, "the form: record.seed: must be a whole number, got True"),
         ({1: 2}, "the form: a key must be a word, got 1"),
         ({"record": {"a" * 1000: 1}}, "is no key"),
-        ({"mix": {"lamp": {}}}, "unknown key 'mix'"),
+        ({"mix": {"lamp": {}}}, "mix.lamp must be the loop of lamp alone"),
+        ({"mix": {}, "tasks": ["lamp"]}, "key 'mix' does not go with tasks"),
     ],
 )
 def test_mistake_in_a_form_is_told_in_a_sentence(content, message):

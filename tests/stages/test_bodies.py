@@ -373,14 +373,14 @@ def test_report_does_without_what_is_lost_and_says_so(loop, tmp_path):
     store = ArtifactStore(tmp_path / "store")
     shutil.copytree(loop.store.url, tmp_path / "store")
     damaged = store.open(loop.checkpoint) / "curves.json"
-    store.discard(loop.demonstrations)
+    store.set_aside(loop.demonstrations)
     damaged.write_text("[]")
     lossy = replace(loop, session=replace(loop.session, store=store))
     page = (store.open(write_report(lossy)) / "report.html").read_text()
     assert f"{loop.demonstrations} is no longer there or damaged; what it tells is missing here" in page
     assert f"No curves of {loop.checkpoint}" in page
     (store.open(loop.annotations) / "manifest.json").write_text("nonsense")
-    store.discard(loop.checkpoint)
+    store.set_aside(loop.checkpoint)
     page = (store.open(write_report(lossy, findings=("once more",))) / "report.html").read_text()
     assert f"{loop.checkpoint} is no longer there or damaged" in page
 
@@ -431,7 +431,7 @@ def test_an_episode_that_comes_out_otherwise_is_not_passed_off_as_the_evaluated_
 def test_an_episode_whose_policy_is_gone_is_told_in_a_sentence(loop, tmp_path):
     shutil.copytree(loop.store.url, tmp_path / "store")
     store = ArtifactStore(tmp_path / "store")
-    store.discard(loop.checkpoint)
+    store.set_aside(loop.checkpoint)
     with pytest.raises(ArtifactError, match=f"artifact {loop.checkpoint} does not exist"):
         recomputed_episode(store, loop.evaluation, evaluated_row(store, loop.evaluation, 0))
 
