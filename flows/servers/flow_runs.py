@@ -36,15 +36,18 @@ def held(folder: Path, flow_run: object) -> Iterator[None]:
     The kernel frees the lock when the process ends, however it ends.
     """
     path = folder / FOLDER / str(flow_run)
+    draft = path.with_name(f"{path.name}.{os.getpid()}")
     try:
         path.parent.mkdir(exist_ok=True)
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, PRIVATE)
+        descriptor = os.open(draft, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, PRIVATE)
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        # Under the name that others look for only now, when its lock is held.
+        draft.replace(path)
     except OSError:
         # Nobody's work depends on it.
         logger.debug("'%s' cannot be written", path, exc_info=True)
         yield
         return
-    fcntl.flock(descriptor, fcntl.LOCK_EX)
     try:
         yield
     finally:

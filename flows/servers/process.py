@@ -25,7 +25,13 @@ _MOST_WORDS = 200_000
 
 
 class ServerProcess:
-    """One of the servers that ``flows.servers.program`` knows."""
+    """One of the servers that ``flows.servers.program`` knows.
+
+    Attributes:
+        name: ``prefect`` or ``mlflow``.
+        url: Its base address.
+        health: Address that answers once it serves.
+    """
 
     def __init__(
         self,
@@ -46,7 +52,7 @@ class ServerProcess:
         """
         self.name = name
         self.url = f"http://127.0.0.1:{port_of(listener)}"
-        self._health = f"{self.url}{health}"
+        self.health = f"{self.url}{health}"
         self._log = log
         self._words: BinaryIO = log.open("w+b") if log else tempfile.TemporaryFile()  # noqa: SIM115 (open as long as the process)
         self._process = subprocess.Popen(
@@ -99,7 +105,7 @@ def await_health(servers: Iterable[ServerProcess], seconds: float) -> None:
     """
     deadline = time.monotonic() + seconds
     for server in servers:
-        while not is_answering(server._health):
+        while not is_answering(server.health):
             if server.has_ended:
                 raise ServiceUnavailable(f"{title(server.name)}'s server did not start: {server.cause()}")
             if time.monotonic() > deadline:

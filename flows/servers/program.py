@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 NAMES_VARIABLE = "JUICER_ALLOWED_HOSTS"
 PREFECT_PASSWORD = "PREFECT_SERVER_API_AUTH_STRING"
+SHUTDOWN_SECONDS = 3
 MLFLOW_USER, MLFLOW_PASSWORD = "MLFLOW_TRACKING_USERNAME", "MLFLOW_TRACKING_PASSWORD"
 
 
@@ -39,7 +40,14 @@ def serve(name: str, listener: socket.socket) -> None:
 
     hosts = loopback_names(port_of(listener)) | host_names(os.environ.get(NAMES_VARIABLE, "").split(","))
     app = {"prefect": _prefect, "mlflow": _mlflow}[name](hosts)
-    config = uvicorn.Config(app, log_level="error", lifespan="on", server_header=False)
+    config = uvicorn.Config(
+        app,
+        log_level="error",
+        lifespan="on",
+        server_header=False,
+        # A page that is open somewhere must not hold up the end.
+        timeout_graceful_shutdown=SHUTDOWN_SECONDS,
+    )
     uvicorn.Server(config).run([listener])
 
 
@@ -52,7 +60,7 @@ def _prefect(hosts: Collection[str]) -> ASGIApp:
     app: ASGIApp = create_app(final=True)
     database = get_current_settings().server.database.connection_url
     url = make_url(database.get_secret_value() if database else "")
-    if url.get_backend_name() == "sqlite" and url.database:
+    if url.get_backend_name() == "sqlite" and url.database and ":memory:" not in url.database:
         app = OneStartAtATime(app, Path(f"{url.database}.lock"))
     # Prefect asks for the password itself, websockets included.
     return Guard(app, hosts)
