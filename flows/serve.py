@@ -8,6 +8,7 @@ from typing import Any
 from flows.commands.output import say
 from flows.device import check_device
 from flows.environment import API_VARIABLE, PASSWORD_VARIABLE, prepare_environment
+from flows.servers.acquaintance import check_prefect
 from flows.servers.flow_runs import mark_crashed
 from flows.settings import PREFIX, read_settings
 from juicer.errors import ServiceUnavailable
@@ -19,12 +20,13 @@ def serve_flows() -> None:
     """Register the deployments and run what is asked for, until Ctrl-C.
 
     Raises:
-        ServiceUnavailable: If no Prefect server is running.
+        ServiceUnavailable: If no Prefect server is running, or it cannot be used.
     """
     settings = read_settings()
     check_device(settings)
     if not prepare_environment(settings):
         raise ServiceUnavailable(f"deployments need a Prefect server; start one with `juicer ui` or set {API_VARIABLE}")
+    check_prefect(os.environ[API_VARIABLE])
     mark_crashed(settings.folder, os.environ[API_VARIABLE], os.environ.get(PASSWORD_VARIABLE))
     # Whoever serves does not send on: two machines would wait for each other.
     os.environ[SPREAD_VARIABLE] = "false"

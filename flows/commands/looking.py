@@ -34,6 +34,8 @@ def list_kind(kind: str | None, as_json: bool) -> None:
     manifests, troubles = _manifests(store, kind)
     if as_json:
         say_json([describe(manifest) for manifest in manifests])
+        if troubles:  # the list is the answer; a second document would spoil it
+            raise typer.Exit(1)
     elif manifests:
         say_table(["kind", "id", "stage", "finished", "size ", "facts"], [_row(manifest) for manifest in manifests])
     elif not troubles:

@@ -14,6 +14,7 @@ from flows.commands.recordings import find_recordings, say_recordings
 from flows.device import check_device
 from flows.environment import API_VARIABLE, PASSWORD_VARIABLE, prepare_environment
 from flows.facts import duration
+from flows.servers.acquaintance import check_prefect
 from flows.servers.flow_runs import mark_crashed
 from flows.servers.temporary import TemporaryServer
 from flows.servers.watch import PATIENCE_SECONDS, ServerWatch, is_reachable
@@ -111,9 +112,14 @@ def start_server(settings: Settings) -> ServerWatch:
 
 
 def watch_server(settings: Settings) -> ServerWatch:
-    """Look after the Prefect server that is running already."""
-    _mark_crashed(settings)
+    """Look after the Prefect server that is running already.
+
+    Raises:
+        ServiceUnavailable: If it cannot be used.
+    """
     url = os.environ[API_VARIABLE]
+    check_prefect(url)
+    _mark_crashed(settings)
     return ServerWatch(lambda: is_reachable(url), PATIENCE_SECONDS)
 
 

@@ -160,7 +160,7 @@ def _write_every_kind(store: ArtifactStore) -> ArtifactStore:
     from juicer.progress import NullMetricSink
     from juicer.reporting.content import ReportData
     from juicer.reporting.page import write_page
-    from juicer.sim.film import write_video
+    from juicer.sim.video import write_video
     from juicer.storage.curves import CurveWriter
     from juicer.storage.episodes import write_episodes
     from juicer.storage.tables import (
@@ -206,7 +206,7 @@ def _write_every_kind(store: ArtifactStore) -> ArtifactStore:
 
     def report(folder: Path, scratch: Path) -> None:
         write_page(ReportData(title="Nothing yet", created=datetime(2026, 1, 1)), folder / "report.html")
-        write_video(folder / "film.mp4", [np.full((48, 64, 3), shade, np.uint8) for shade in range(5)])
+        write_video(folder / "success.mp4", [np.full((48, 64, 3), shade, np.uint8) for shade in range(5)])
 
     makers: dict[str, Callable[[Path, Path], object]] = {
         "logs": log,

@@ -131,7 +131,7 @@ def test_a_folder_that_cannot_be_read_is_named_and_fails_every_command_that_need
 
 def test_a_store_that_cannot_be_read_is_named(store, refs):
     store.cache.chmod(0)
-    for command in (["verify"], ["ls"], ["show", refs[0].id], ["lineage", refs[0].id], ["repair", refs[0].id]):
+    for command in (["verify"], ["ls"], ["show", refs[0].id], ["lineage", refs[0].id]):
         status, _, err = as_nobody(*command)
         assert status == 1, command
         assert f"folder '{store.cache}' cannot be read (Permission denied)" in err, command
@@ -139,11 +139,14 @@ def test_a_store_that_cannot_be_read_is_named(store, refs):
 
 def test_an_artifact_that_cannot_be_read_is_named_and_not_called_damaged(store, refs):
     (store.cache / str(refs[0])).chmod(0)
-    for command in (["verify"], ["ls"], ["show", refs[0].id], ["lineage", refs[1].id], ["repair", refs[0].id]):
+    for command in (["verify"], ["ls"], ["show", refs[0].id], ["lineage", refs[1].id]):
         status, _, err = as_nobody(*command)
         assert status == 1, command
         assert "'manifest.json' cannot be read (Permission denied)" in err, command
         assert "damaged" not in err, command
+    status, _, err = as_nobody("repair", refs[0].id)
+    assert status == 1
+    assert f"the data folder '{store.cache}' cannot be written: you have no right to write in it" in err
 
 
 def test_a_data_folder_that_may_only_be_read_is_enough_for_looking(store, refs):
@@ -161,8 +164,9 @@ def test_a_store_that_is_not_there_is_no_mistake_but_said(capsys, store):
 
 def test_a_store_that_is_a_file_is_named(capsys, store):
     store.cache.write_text("mine")
-    for command in (["ls"], ["verify"], ["show", "0123"], ["repair", "0123"]):
+    for command in (["ls"], ["verify"], ["show", "0123"]):
         assert f"folder '{store.cache}' cannot be read (Not a directory)" in finish(capsys, *command, status=1)
+    assert f"the data folder '{store.cache}' cannot be created" in finish(capsys, "repair", "0123", status=1)
 
 
 def test_texts_from_elsewhere_cannot_steer_the_terminal(capsys, store):
