@@ -40,8 +40,8 @@ def loop(
     """Train, improve and evaluate one model.
 
     Args:
-        preset: Size of the networks and of their training. laptop: minutes on two CPU cores. smoke: seconds, learns
-            little. paper: needs a GPU.
+        preset: Size of the networks and of their training. laptop: minutes on two CPU cores. smoke: seconds, and
+            succeeds now and then. paper: needs a GPU.
         task: What the robot must build.
         condition: Which parts of the method are used. ta_ci is all of it: trajectory augmentation and collect-infer.
         seed: Number of the model among those that are trained alike.
@@ -63,7 +63,7 @@ def study(
 
     Args:
         preset: Size of the networks and of their training. laptop: minutes a model on two CPU cores. smoke: seconds,
-            learns little. paper: needs a GPU.
+            and succeeds now and then. paper: needs a GPU.
         task: What the robot must build.
         conditions: What is compared.
         seeds: Numbers of the models that are trained for each condition; the paper has five.
@@ -79,7 +79,7 @@ def study(
     return run(_only(content, overrides))
 
 
-@flow(name="configuration", **_SETTINGS)
+@flow(name="configured_run", **_SETTINGS)
 def configured(configuration: Pasted, overrides: list[str] = []) -> list[RunOutcome]:  # noqa: B006 (as above)
     """Run a whole configuration, as `juicer run` does.
 

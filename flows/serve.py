@@ -37,13 +37,13 @@ def serve_flows() -> None:
     from flows.make import make
     from flows.spread import DEPLOYMENT
 
-    # The first line of a flow's docstring describes it; what is not for people comes last.
+    # Prefect's page sorts them by these names: what is not for people comes last there, too.
     offered: list[tuple[Any, str, str]] = [
         (loop, "loop", "run"),
         (study, "study", "run"),
-        (configured, "run", "run"),
+        (configured, "configuration", "run"),
         (stage_of_loop, "stage", "stage"),
-        (configured_stage, "stage", "stage"),
+        (configured_stage, "stage-of-configuration", "stage"),
         (make, DEPLOYMENT, "internal"),
     ]
     deployments: list[Any] = [

@@ -26,7 +26,7 @@ from juicer.errors import ArtifactError, JuicerError, ServiceUnavailable, StageD
 from stages.session import Session, StageInterrupted
 from stages.stage import StageCall
 
-MAKE, DEPLOYMENT = "make", "anywhere"
+MAKE, DEPLOYMENT = "make", "worker"
 POLL_SECONDS = 2.0
 PATIENCE_SECONDS = 120.0
 """How long a stage waits while no machine offers to run it; Prefect takes one to find out that a machine is gone."""
