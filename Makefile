@@ -23,8 +23,9 @@ help: ## Show this list
 demo: setup gl ## Run the whole loop on one_leg: from demonstrations to the comparison table
 	@$(RUN)/juicer run $(CONFIG)
 
+# Side by side, a file at a time: fixtures of a file, such as a server, are made once.
 test: setup gl ## Run the tests
-	@$(RUN)/pytest $(PYTEST_ARGS)
+	@$(RUN)/pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 slow-test: setup gl ## Run the tests that take minutes
 	@$(RUN)/pytest -m slow $(PYTEST_ARGS)

@@ -233,9 +233,11 @@ def test_whatever_writes_on_a_full_disk_gives_the_same_sentence(
 
 @pytest.mark.parametrize("write", WRITERS)
 def test_whatever_writes_beyond_the_users_limit_gives_the_same_sentence(
-    store: ArtifactStore, recipe: Recipe, write: Callable[[Path], None], as_nobody: Callable[[Callable[[], Any]], Any]
+    open_place: Path, recipe: Recipe, write: Callable[[Path], None], as_nobody: Callable[[Callable[[], Any]], Any]
 ) -> None:
-    store.cache.mkdir(parents=True)
+    store = ArtifactStore(open_place / "store")
+    store.cache.mkdir()
+    store.cache.chmod(0o777)
 
     def run() -> None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -243,15 +245,9 @@ def test_whatever_writes_beyond_the_users_limit_gives_the_same_sentence(
         with store.create(recipe) as draft:
             write(draft.path)
 
-    open_to_all(store.cache)
     with pytest.raises(StoreNotWritable, match="a file became larger than this system allows; see `ulimit -f`"):
         as_nobody(run)
     assert store.find(recipe) is None
-
-
-def open_to_all(folder: Path) -> None:
-    for each in (folder, *folder.parents[:3]):
-        each.chmod(0o777)
 
 
 def test_a_resume_state_that_found_no_room_leaves_the_one_before_and_no_half(small_disk: Path) -> None:
