@@ -10,11 +10,13 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from html import escape
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, PercentFormatter
@@ -60,9 +62,14 @@ _STYLE: Any = {
 }
 
 
+def _own_style() -> AbstractContextManager[None]:
+    """Draw in our style, whatever a ``matplotlibrc`` in the working directory or in the user's home says."""
+    return style.context(["default", _STYLE])
+
+
 def success_figure(results: Sequence[ConditionResult]) -> str:
     """Success rates with their intervals; small dots are the trained models."""
-    with mpl.rc_context(_STYLE):
+    with _own_style():
         figure, axes = _figure(height_in=0.9 + 0.42 * len(results))
         for row, result in enumerate(results):
             axes.plot(result.interval, [row, row], color=ACCENT, linewidth=6, alpha=0.3, solid_capstyle="round")
@@ -83,7 +90,7 @@ def funnel_figure(funnel: Funnel) -> str:
     """Episodes that reached each milestone, as bars from all to those that succeeded."""
     names = ["started", *funnel.reached]
     counts = [funnel.num_episodes, *funnel.reached.values()]
-    with mpl.rc_context(_STYLE):
+    with _own_style():
         figure, axes = _figure(height_in=0.35 + 0.36 * len(names))
         rows = range(len(names))
         axes.barh(rows, [funnel.num_episodes] * len(names), color=SOFT, height=0.72)
@@ -99,7 +106,7 @@ def funnel_figure(funnel: Funnel) -> str:
 
 def curve_figure(curve: TrainingCurve, limits: tuple[float, float]) -> str:
     """Losses of one training run over its steps, on the loss scale all runs share."""
-    with mpl.rc_context(_STYLE):
+    with _own_style():
         figure, axes = _figure(height_in=2.5)
         for (name, values), color in zip(curve.losses.items(), (ACCENT, SECOND, MUTED), strict=False):
             axes.plot(*_drawn(curve.steps, values), color=color, linewidth=1.6, label=printable(name, _LONGEST_NAME))
@@ -115,7 +122,7 @@ def overlay_figure(curves: Sequence[TrainingCurve], loss: str, limits: tuple[flo
     Each line has the class ``run-group-<number of its group>``, see :func:`curve_groups`.
     """
     groups = curve_groups(curves)
-    with mpl.rc_context(_STYLE):
+    with _own_style():
         figure, axes = _figure(height_in=3.6)
         for curve in curves:
             if loss in curve.losses:
@@ -166,7 +173,7 @@ def yield_figure(augmentation: AugmentationYield) -> str:
     names = ["kept", *(_words(reason) for reason, _ in rejected)]
     counts = [augmentation.kept, *(count for _, count in rejected)]
     longest = max(1, *counts)
-    with mpl.rc_context(_STYLE):
+    with _own_style():
         figure, axes = _figure(height_in=0.35 + 0.36 * len(names))
         axes.barh(range(len(names)), counts, color=[ACCENT, *[SECOND] * len(rejected)], height=0.72, alpha=0.85)
         for row, count in enumerate(counts):

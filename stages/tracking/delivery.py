@@ -57,7 +57,8 @@ class Delivery:
             store: Where the artifacts that the journals name are.
         """
         _create_database(uri, artifact_root)
-        self._client = MlflowClient(uri)
+        # Models go where the runs go, whatever MLFLOW_REGISTRY_URI says.
+        self._client = MlflowClient(uri, registry_uri=uri)
         self._artifact_root = artifact_root
         self._store = store
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 
@@ -34,3 +35,10 @@ def test_yield_puts_the_commonest_reason_first():
 
 def test_yield_of_nothing_at_all_can_be_drawn():
     assert "kept" in yield_figure(AugmentationYield("one_leg", 0, {}))
+
+
+def test_a_style_that_lies_in_the_working_directory_changes_nothing():
+    funnel = Funnel("BC", 8, {"leg_lifted": 6})
+    drawing = funnel_figure(funnel)
+    with mpl.rc_context({"ytick.major.pad": 40, "patch.linewidth": 9}):
+        assert funnel_figure(funnel) == drawing
