@@ -11,6 +11,7 @@ from flows.environment import API_VARIABLE, PASSWORD_VARIABLE, prepare_environme
 from flows.servers.acquaintance import check_prefect
 from flows.servers.flow_runs import mark_crashed
 from flows.settings import PREFIX, read_settings
+from flows.store import open_store
 from juicer.errors import ServiceUnavailable
 
 SPREAD_VARIABLE = f"{PREFIX}SPREAD"
@@ -28,6 +29,8 @@ def serve_flows() -> None:
         raise ServiceUnavailable(f"deployments need a Prefect server; start one with `juicer ui` or set {API_VARIABLE}")
     check_prefect(os.environ[API_VARIABLE])
     mark_crashed(settings.folder, os.environ[API_VARIABLE], os.environ.get(PASSWORD_VARIABLE))
+    # Flow runs are processes of their own, which Prefect may start in another folder: places are told as absolute ones.
+    os.environ |= {f"{PREFIX}DATA": str(settings.folder), f"{PREFIX}STORE": open_store(settings).url}
     # Whoever serves does not send on: two machines would wait for each other.
     os.environ[SPREAD_VARIABLE] = "false"
     from prefect import serve
