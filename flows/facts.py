@@ -41,7 +41,9 @@ def headline(summary: Mapping[str, Any]) -> str:
 
 def rejections(summary: Mapping[str, Any]) -> list[str]:
     """Why operator logs became no demonstrations, a line each."""
-    reasons = [f"{log}: {reason}" for log, reason in summary.get("rejections", {}).items()]
+    # An augmentation counts its rejections instead.
+    told = {log: reason for log, reason in summary.get("rejections", {}).items() if isinstance(reason, str)}
+    reasons = [f"{log}: {reason}" for log, reason in told.items()]
     # A summary repeats only so many reasons, but counts all.
     more = summary.get("rejected", len(reasons)) - _REJECTIONS_SHOWN
     return [*reasons[:_REJECTIONS_SHOWN], f"and {more} more; see `juicer show`"] if more > 0 else reasons

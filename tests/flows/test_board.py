@@ -78,3 +78,9 @@ def test_rejected_logs_are_listed_when_they_are_rejected_and_not_again(board, ou
     lines = [line.strip() for line in output.getvalue().splitlines() if "npz" in line or "more" in line]
     assert lines[0] == "00.npz: the operator marked it as failed"
     assert lines[20:] == ["and 110 more; see `juicer show`"]
+
+
+def test_an_augmentation_that_counts_its_rejections_lists_none(board, output):
+    board.started("augment", "")
+    board.finished("augment", "", "done", {"snippets": 192, "rejections": {"part_position": 24}})
+    assert "part_position" not in output.getvalue()
