@@ -47,7 +47,7 @@ $(INSTALLED): pyproject.toml scripts/setup.sh
 	@scripts/setup.sh
 	@touch $@
 
-# Without OpenGL everything but pictures works, so its absence is told and stops nothing.
+# Without OpenGL everything but images works, so its absence is told and stops nothing.
 gl: $(INSTALLED)
 	@test -e $(CAN_DRAW) || { scripts/ensure_gl.sh && touch $(CAN_DRAW); } || true
 

@@ -238,9 +238,7 @@ def replay(
     ] = None,
     camera: Annotated[
         str,
-        typer.Option(
-            "--camera", help="Where it is seen from; both are side by side.", **choice(("front", "wrist", "both"))
-        ),
+        typer.Option("--camera", help="Where it is seen from; both are side by side.", **choice(VIEWS)),
     ] = "both",
     size: Annotated[
         str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size of each camera's image in pixels.")
@@ -264,8 +262,14 @@ def doctor(as_json: AsJson = False) -> None:
 
 @app.command()
 def ui(
-    prefect_port: Annotated[int | None, typer.Option(help="Port of Prefect's pages; a free one if left out.")] = None,
-    mlflow_port: Annotated[int | None, typer.Option(help="Port of MLflow's pages; a free one if left out.")] = None,
+    prefect_port: Annotated[
+        int | None,
+        typer.Option(min=1, max=65535, help="Port of Prefect's pages; a free one if left out."),
+    ] = None,
+    mlflow_port: Annotated[
+        int | None,
+        typer.Option(min=1, max=65535, help="Port of MLflow's pages; a free one if left out."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Serve Prefect's and MLflow's pages on this machine until Ctrl-C."""

@@ -170,7 +170,7 @@ def load_runs(source: Path | str, overrides: Sequence[str] = ()) -> tuple[RunCon
     Raises:
         ConfigError: If a file is missing, or a key or value is not valid.
     """
-    return runs_of(read_written(source).assigning(overrides), str(source))
+    return runs_of(read_written(source).assigning(overrides, Path.cwd()), str(source))
 
 
 def parse_runs(content: Mapping[str, Any] | str, origin: str, overrides: Sequence[str] = ()) -> tuple[RunConfig, ...]:
@@ -180,12 +180,12 @@ def parse_runs(content: Mapping[str, Any] | str, origin: str, overrides: Sequenc
         content: What a file would hold, as keys and values or as YAML; paths in it must be absolute, a base may be the
             name of a preset.
         origin: What to call it in errors.
-        overrides: Values that go first, as ``dotted.key=value``.
+        overrides: Values that go first, as ``dotted.key=value``; paths in them must be absolute, too.
 
     Raises:
         ConfigError: If a key or value is not valid.
     """
-    return runs_of(take_written(content, origin).assigning(overrides), origin)
+    return runs_of(take_written(content, origin).assigning(overrides, None), origin)
 
 
 def runs_of(written: Written, origin: str) -> tuple[RunConfig, ...]:

@@ -126,7 +126,8 @@ def configured_stage(
     """Run one stage of a whole configuration, as `juicer stage` does.
 
     Args:
-        configuration: What a configuration file holds, in YAML or JSON; `juicer config NAME` prints one.
+        configuration: What a configuration file holds, in YAML or JSON; `juicer config NAME` prints one. Paths in it
+            must be absolute, and name files of the machine that serves.
         stage: Which one.
         overrides: Further values, each as KEY=VALUE.
         force: Whether to compute it even if its artifact is in the store.

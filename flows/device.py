@@ -8,15 +8,17 @@ from juicer.errors import ConfigError
 REMEDY = "set it to cpu, or to a GPU of this machine, with a build of torch for it"
 
 
-def check_device(settings: Settings) -> None:
+def check_device(settings: Settings, *, computes_here: bool = True) -> None:
     """Refuse a device that torch does not find; takes no memory on one that it finds.
 
-    A machine that has its stages run on others needs none of its own.
+    Args:
+        settings: Facts about this machine.
+        computes_here: Whether stages run on it; one that has them run on others needs no device of its own.
 
     Raises:
         ConfigError: Saying what torch finds instead.
     """
-    if settings.device == "cpu" or settings.spread:
+    if settings.device == "cpu" or not computes_here:
         return
     import torch  # takes seconds, and processors need no asking
 

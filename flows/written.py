@@ -66,8 +66,12 @@ class Written:
         places = {keys[size:]: place for keys, place in self.places.items() if keys[:size] == outer and keys[size:]}
         return Written(values or {}, places)
 
-    def assigning(self, assignments: Iterable[str]) -> Written:
-        """The same with every ``dotted.key=value`` applied; values are YAML, paths relative to the working directory.
+    def assigning(self, assignments: Iterable[str], folder: Path | None) -> Written:
+        """The same with every ``dotted.key=value`` applied; values are YAML.
+
+        Args:
+            assignments: Later ones go first.
+            folder: What paths are relative to; none if they must be absolute.
 
         Raises:
             ConfigError: If an assignment is none, undoes another, or descends into a value that is no section.
@@ -79,7 +83,7 @@ class Written:
                 if earlier[: len(keys)] == keys:
                     raise ConfigError(f"{ASSIGNED} '{printable(text)}' undoes {ASSIGNED} '{printable(its_text)}'")
             said[keys] = text
-            placed: Any = _with_paths(_nested(keys, value), Path.cwd(), ASSIGNED)
+            placed: Any = _with_paths(_nested(keys, value), folder, ASSIGNED)
             for key in keys:
                 placed = placed[key]
             result = result.replacing(keys, placed, ASSIGNED)

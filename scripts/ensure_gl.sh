@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Make sure that MuJoCo can draw without a screen; pictures and films need it, training does not.
+# Make sure that MuJoCo can draw without a screen; images and videos need it, training does not.
 # Ends with status 0 if it can, 1 (and one sentence) if it cannot. Called by `make gl`.
 set -euo pipefail
 
@@ -19,12 +19,12 @@ mujoco.Renderer(mujoco.MjModel.from_xml_string("<mujoco/>"), 16, 16).close()' >/
 
 can_draw && exit 0
 if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
-    echo "juicer set-up: installing $PACKAGES, which draw pictures without a screen"
+    echo "juicer set-up: installing $PACKAGES, which draw images without a screen"
     export DEBIAN_FRONTEND=noninteractive
     # shellcheck disable=SC2086  # one argument a package
     { apt-get update -qq && apt-get install -y -qq --no-install-recommends $PACKAGES; } >/dev/null || true
     can_draw && exit 0
 fi
-echo "juicer set-up: no OpenGL platform for drawing without a screen, so films and pictures are left out;" \
+echo "juicer set-up: no OpenGL platform for drawing without a screen, so videos and images are left out;" \
     "install them with: apt-get install $PACKAGES" >&2
 exit 1

@@ -31,7 +31,7 @@ class EvaluateConfig(RolloutConfig, EvaluateSection):
     """How many episodes of a task, and from where they start."""
 
 
-@stage(kind="evaluation", inputs={"checkpoint": "checkpoint"}, libraries=("mujoco", "numpy", "torch"))
+@stage(kind="evaluation", inputs={"checkpoint": "checkpoint"}, libraries=("mujoco", "numpy", "torch", "zarr"))
 def evaluate(context: StageContext, *, checkpoint: ArtifactRef, config: EvaluateConfig) -> None:
     """Measure a policy's success rate, with its interval and the milestones of every episode."""
     episodes = roll_out(context, checkpoint, config, Purpose.EVALUATION, config.episodes, context.progress)

@@ -57,8 +57,10 @@ def kept_episode(store: ArtifactStore, ref: ArtifactRef, row: EvaluationRow) -> 
     return None
 
 
-def recomputed_episode(store: ArtifactStore, ref: ArtifactRef, row: EvaluationRow) -> EvaluatedEpisode:
-    """The episode computed again with the same policy, initial state and noise.
+def recomputed_episode(
+    store: ArtifactStore, ref: ArtifactRef, row: EvaluationRow, device: str = "cpu"
+) -> EvaluatedEpisode:
+    """The episode computed again with the same policy, initial state and noise, acting on a torch device.
 
     Raises:
         ArtifactError: If the checkpoint is not there, or damaged.
@@ -69,7 +71,7 @@ def recomputed_episode(store: ArtifactStore, ref: ArtifactRef, row: EvaluationRo
     manifest = store.manifest(ref)
     checkpoint = _checkpoint_of(manifest)
     config = parse_config(manifest.recipe.config, EvaluateConfig, origin=f"the configuration of {ref}")
-    policy = load_policy(store.open(checkpoint, "checkpoint"), config.task, config.max_steps)
+    policy = load_policy(store.open(checkpoint, "checkpoint"), config.task, config.max_steps, device)
     (episode,) = rollout(
         policy,
         config.task,

@@ -8,6 +8,7 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -22,6 +23,7 @@ from prefect.states import Cancelled, Completed
 from prefect.utilities.annotations import quote
 
 from juicer.artifacts.ref import ArtifactRef
+from juicer.errors import ArtifactError
 from juicer.progress import Progress
 from stages.session import Display, Session, StageInterrupted
 from stages.stage import StageCall
@@ -56,9 +58,9 @@ class PrefectPerformer:
             if session.stop.is_set():
                 raise StageInterrupted
             name = f"{call.stage.name} {session.label}".strip()
-            if call.is_reused(session):
-                # The graph shows names and, for both, the colour of what has completed.
-                name += REUSED_SUFFIX
+            # The graph shows names and, for both, the colour of what has completed.
+            with suppress(*TRANSIENT, ArtifactError):  # the task itself finds out, and tries again
+                name += REUSED_SUFFIX if call.is_reused(session) else ""
             prefect_task = _task(call.stage.name, call.stage.description).with_options(task_run_name=name)
             future = prefect_task.submit(
                 call=quote(call), session=quote(session), return_state=False, wait_for=upstream

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flows.conditions import Condition
@@ -60,7 +61,7 @@ class Choice:
         from flows.config import FLOW_KEY, names_mix
         from flows.written import TASKS_KEY, read_written
 
-        written = read_written(self.source).assigning(self.overrides)
+        written = read_written(self.source).assigning(self.overrides, Path.cwd())
         is_study = written.values.get(FLOW_KEY) == "study"
         for option, key, chosen in (
             ("--condition", "condition", [condition.value for condition in self.conditions]),

@@ -59,7 +59,7 @@ def replay_episode(
     _check_place(video)
     stride, rate = _pace(speed)
     with opened(settings, None) as surroundings:
-        chosen = _choose(store, ref, index, surroundings.board)
+        chosen = _choose(store, ref, index, surroundings.board, settings.device)
         episode = chosen.episode
         steps = every(episode, stride)
         captioner = _captioner(chosen, view)
@@ -100,7 +100,7 @@ def _check_place(video: Path) -> None:
         raise ConfigError(f"video '{video}' is a folder; name a file")
 
 
-def _choose(store: ArtifactStore, ref: ArtifactRef, index: int, board: Board) -> Chosen:
+def _choose(store: ArtifactStore, ref: ArtifactRef, index: int, board: Board, device: str) -> Chosen:
     if ref.kind == "evaluation":
         from stages.evaluated import evaluated_row, kept_episode, recomputed_episode
 
@@ -108,7 +108,7 @@ def _choose(store: ArtifactStore, ref: ArtifactRef, index: int, board: Board) ->
         found = kept_episode(store, ref, row)
         if found is None:
             board.say(f"computing episode {index} again, which {ref} has not kept")
-            found = recomputed_episode(store, ref, row)
+            found = recomputed_episode(store, ref, row, device)
         return Chosen(found.episode, f"evaluation {ref.id[:8]} episode {index}", found)
     if ref.kind != "episodes":
         raise WrongArtifactKind(f"{ref} holds no episodes to replay; see `juicer ls episodes`")

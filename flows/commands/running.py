@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 def run_flow(choice: Choice, as_json: bool) -> None:
     """``juicer run``."""
     settings = read_settings()
-    check_device(settings)
+    check_device(settings, computes_here=not settings.spread)
     has_server = prepare_environment(settings)
     if settings.spread and not has_server:
         raise ServiceUnavailable(
@@ -54,6 +54,8 @@ def run_flow(choice: Choice, as_json: bool) -> None:
     if as_json:
         # A file with several tasks is told by a list.
         say_json(outcomes[0] if len(configs) == 1 else outcomes)
+    if watch:
+        watch.finish()
 
 
 def preview_flow(choice: Choice, as_json: bool) -> None:
@@ -139,7 +141,7 @@ def _run_in_prefect(config: RunConfig, watch: ServerWatch) -> RunOutcome:
 def run_stage(name: str, choice: Choice, force: bool, as_json: bool) -> None:
     """``juicer stage``."""
     settings = read_settings()
-    check_device(settings)
+    check_device(settings, computes_here=not settings.spread)
     has_server = prepare_environment(settings)
     from flows.plan import ready_calls
     from stages.catalog import find_stage
@@ -161,6 +163,7 @@ def run_stage(name: str, choice: Choice, force: bool, as_json: bool) -> None:
         for ref in refs:
             say(ref)
             say_recordings(find_recordings(store, ArtifactRef.parse(ref)))
+    watch.finish()
 
 
 def explain_stage(name: str, choice: Choice, as_json: bool) -> None:

@@ -1,4 +1,4 @@
-"""Whether MuJoCo can draw: pictures of episodes need OpenGL, the rest of juicer does not."""
+"""Whether MuJoCo can draw: images of episodes need OpenGL, the rest of juicer does not."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ with mujoco.Renderer(model, 48, 64) as renderer:
 _PLATFORMS = ("egl", "osmesa", "glfw")
 _REMEDY = (
     "install libegl1 and libgl1-mesa-dri and set MUJOCO_GL=egl, or libosmesa6 and MUJOCO_GL=osmesa; "
-    "until then runs work, and reports have no pictures"
+    "until then runs work, and reports have no images"
 )
 
 
 def check_drawing(settings: Settings) -> Iterator[Verdict]:
-    """Draw one small picture."""
+    """Draw one small image."""
     chosen = os.environ.get("MUJOCO_GL", "")
     if chosen.lower() not in ("", *_PLATFORMS):
         yield problem(f"MUJOCO_GL is '{chosen}', which MuJoCo does not know", f"set it to one of {_PLATFORMS}")
@@ -36,9 +36,9 @@ def check_drawing(settings: Settings) -> Iterator[Verdict]:
     try:
         brightest = int(run_program(_DRAW).split()[-1])
     except ProgramFailed as failure:
-        yield warning(f"drawing a picture {through} {failure}", _REMEDY)
+        yield warning(f"drawing an image {through} {failure}", _REMEDY)
         return
     if brightest:
-        yield ok(f"a picture was drawn {through}")
+        yield ok(f"an image was drawn {through}")
     else:
-        yield warning(f"a picture drawn {through} is black", _REMEDY)
+        yield warning(f"an image drawn {through} is black", _REMEDY)

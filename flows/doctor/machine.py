@@ -15,7 +15,6 @@ from flows.settings import Settings
 LEAST_MEMORY, MEMORY_A_STAGE = 1.0e9, 0.8e9
 """Bytes of Prefect's server with the command, and of a stage with torch and MuJoCo."""
 FULL_BYTES, TIGHT_BYTES = 0.5e9, 5e9
-LONGEST_SOCKET_FOLDER = 60
 """Letters of a folder in which multiprocessing can make its sockets, whose paths may have 107."""
 OLDEST_YEAR = 2026
 
@@ -85,13 +84,7 @@ def check_temporary_files(settings: Settings) -> Iterator[Verdict]:
         yield warning(f"TMPDIR is '{wanted}', which cannot be used; '{folder}' is", "make that folder, or unset TMPDIR")
     with tempfile.TemporaryFile(dir=folder) as file:
         file.write(b"juicer")
-    if len(os.fsencode(folder)) > LONGEST_SOCKET_FOLDER:
-        yield warning(
-            f"the path of the folder for temporary files, '{folder}', is too long for sockets",
-            f"set TMPDIR to one of at most {LONGEST_SOCKET_FOLDER} letters if stages do not start",
-        )
-    else:
-        yield ok(f"temporary files go to '{folder}'")
+    yield ok(f"temporary files go to '{folder}'")
 
 
 def check_clock(settings: Settings) -> Iterator[Verdict]:

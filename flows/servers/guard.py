@@ -66,7 +66,7 @@ class Refusal:
 
 def loopback_names(port: int) -> frozenset[str]:
     """What a server on this machine is called by those who reach it on this machine."""
-    return frozenset(f"{name}:{port}" for name in ("127.0.0.1", "localhost", "[::1]"))
+    return frozenset(_authority(f"{name}:{port}") for name in ("127.0.0.1", "localhost", "[::1]"))
 
 
 def host_name(text: str) -> str:

@@ -19,7 +19,7 @@ from filelock import FileLock
 
 from flows.servers.addresses import port_of
 from flows.servers.guard import Credentials, Guard, host_names, loopback_names
-from juicer.errors import ConfigError
+from juicer.errors import ConfigError, JuicerError
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -134,7 +134,7 @@ def main() -> None:
     end_with_parent(_end_all)
     try:
         serve(sys.argv[1], socket.socket(fileno=int(sys.argv[2])))
-    except ConfigError as error:
+    except JuicerError as error:
         sys.exit(str(error))
 
 

@@ -60,7 +60,8 @@ def serve_pages(prefect_port: int | None, mlflow_port: int | None, as_json: bool
         if not as_json:
             say("starting Prefect's and MLflow's servers ...")
         os.environ.update(quiet_environment(settings) | {NAMES_VARIABLE: settings.allowed_hosts})
-        initialise(settings.folder / "tracking", place)
+        # The lock that runs hold, too, when they make the database.
+        initialise(place.folder(settings.folder / "tracking"), place)
         logs = settings.folder / "logs-of-servers"
         logs.mkdir(exist_ok=True)
         variables = (_prefect_variables(settings, credentials), _mlflow_variables(settings, place, credentials))

@@ -40,7 +40,7 @@ class ServerWatch:
         self._patience_s = patience_s
         self._lost = threading.Event()
         self._in_flow = False
-        self._status = 0
+        self._status = 1
         threading.Thread(target=self._look, name="server watch", daemon=True).start()
 
     @contextmanager
@@ -54,13 +54,17 @@ class ServerWatch:
         try:
             yield
         except BaseException as error:
-            self._in_flow, self._status = False, 1
+            self._in_flow = False
             if self._lost.is_set() or (not isinstance(error, _OTHER_REASONS) and not self._is_there()):
                 self._lost.set()
                 raise _loss() from None
             raise
         finally:
             self._in_flow = False
+
+    def finish(self) -> None:
+        """The command has said all it had to say; whatever ends the process now, it has succeeded."""
+        self._status = 0
 
     def _look(self) -> None:
         seen = time.monotonic()
@@ -75,7 +79,6 @@ class ServerWatch:
         time.sleep(GRACE_SECONDS)
         if self._in_flow:
             sys.stderr.write(f"juicer: {_loss()}\n")
-            self._status = 1
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(self._status)

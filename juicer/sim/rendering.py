@@ -1,7 +1,7 @@
-"""Pictures of a scene through whatever software or hardware OpenGL the machine offers.
+"""Images of a scene through whatever software or hardware OpenGL the machine offers.
 
 An OpenGL context belongs to the thread that made it. Every renderer therefore has one thread in which its context is
-made, used and freed, so that any other thread may ask for pictures.
+made, used and freed, so that any other thread may ask for images.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from juicer.sim.display import gl_context_class
 
 MAX_WIDTH, MAX_HEIGHT = 1280, 720
 
-Picture = NDArray[np.uint8]
+Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class _Request:
     camera: int
     width: int
     height: int
-    answer: Future[Picture] = field(default_factory=Future)
+    answer: Future[Image] = field(default_factory=Future)
 
 
 class CameraRenderer:
-    """Draws named cameras of one model; thread and context are made when the first picture is asked for."""
+    """Draws named cameras of one model; thread and context are made when the first image is asked for."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Remember the model."""
@@ -47,8 +47,8 @@ class CameraRenderer:
         # Whoever forgets to close leaves no thread behind. At the end of the process the system frees everything.
         weakref.finalize(self, self._requests.put, None).atexit = False
 
-    def draw(self, data: mujoco.MjData, camera: str, width: int, height: int) -> Picture:
-        """Picture ``(height, width, 3)``, without shadows and reflections (they cost seven times the rest).
+    def draw(self, data: mujoco.MjData, camera: str, width: int, height: int) -> Image:
+        """Image ``(height, width, 3)``, without shadows and reflections (they cost seven times the rest).
 
         Raises:
             ConfigError: If there is no such camera, or no such size.
@@ -59,7 +59,7 @@ class CameraRenderer:
             raise ConfigError(f"unknown camera {shown(camera)}{did_you_mean(str(camera), cameras)}")
         if not _is_size(width, MAX_WIDTH) or not _is_size(height, MAX_HEIGHT):
             largest = f"{MAX_WIDTH}x{MAX_HEIGHT}"
-            raise ConfigError(f"a picture measures 1x1 to {largest} pixels, got {shown(width)}x{shown(height)}")
+            raise ConfigError(f"an image measures 1x1 to {largest} pixels, got {shown(width)}x{shown(height)}")
         _Process.check()
         request = _Request(data, cameras.index(camera), int(width), int(height))
         with self._lock:
@@ -89,7 +89,7 @@ class _Process:
     def check(cls) -> None:
         if cls._drawing not in (None, os.getpid()):
             raise RenderingUnavailable(
-                "this process was forked from one that had drawn pictures, which OpenGL does not survive; "
+                "this process was forked from one that had drawn images, which OpenGL does not survive; "
                 "start it with multiprocessing's 'spawn' or 'forkserver', or draw nothing before it is forked"
             )
         cls._drawing = os.getpid()
@@ -114,16 +114,16 @@ class _Canvas:
         self._camera = mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
 
-    def draw(self, data: mujoco.MjData, camera: int, width: int, height: int) -> Picture:
+    def draw(self, data: mujoco.MjData, camera: int, width: int, height: int) -> Image:
         self._camera.fixedcamid = camera
         everything = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(self._model, data, self._options, None, self._camera, everything, self._scene)
         viewport = mujoco.MjrRect(0, 0, width, height)
         mujoco.mjr_render(viewport, self._scene, self._context)
-        picture = np.empty((height, width, 3), dtype=np.uint8)
-        mujoco.mjr_readPixels(picture, None, viewport, self._context)
+        image = np.empty((height, width, 3), dtype=np.uint8)
+        mujoco.mjr_readPixels(image, None, viewport, self._context)
         # OpenGL's first row is the lowest.
-        return np.ascontiguousarray(picture[::-1])
+        return np.ascontiguousarray(image[::-1])
 
     def free(self) -> None:
         self._context.free()
@@ -135,8 +135,8 @@ def _draw_until_closed(model: mujoco.MjModel, requests: SimpleQueue[_Request | N
     while (request := requests.get()) is not None:
         try:
             canvas = canvas or _made(model)
-            picture = canvas.draw(request.data, request.camera, request.width, request.height)
-            request.answer.set_result(picture)
+            image = canvas.draw(request.data, request.camera, request.width, request.height)
+            request.answer.set_result(image)
         except BaseException as error:
             request.answer.set_exception(error)
         # Waiting for the next one must not keep an environment's data alive.
@@ -150,7 +150,7 @@ def _made(model: mujoco.MjModel) -> _Canvas:
         return _Canvas(model)
     except Exception as error:  # every OpenGL platform fails in its own way
         raise RenderingUnavailable(
-            f"no OpenGL platform can draw a picture here ({type(error).__name__}: {error}); "
+            f"no OpenGL platform can draw an image here ({type(error).__name__}: {error}); "
             "set MUJOCO_GL=egl with libegl1 and libgl1-mesa-dri installed, or MUJOCO_GL=osmesa with libosmesa6"
         ) from None
 

@@ -9,13 +9,12 @@ from fractions import Fraction
 from pathlib import Path
 
 import av
-import mujoco
 import numpy as np
 import PIL.Image
 from numpy.typing import NDArray
 
 from juicer.episode import STATE_KEY, Episode
-from juicer.errors import ConfigError, JuicerError
+from juicer.errors import ConfigError, InvalidEpisode, JuicerError
 from juicer.sim.env import AssemblyEnv
 from juicer.sim.rendering import MAX_HEIGHT, MAX_WIDTH
 from juicer.sim.scene import FRONT_CAMERA, WRIST_CAMERA
@@ -79,16 +78,18 @@ def draw(episode: Episode, steps: Iterable[int], view: View) -> Iterator[Frame]:
         InvalidEpisode: If the states belong to another scene.
     """
     env = AssemblyEnv(episode.record.task, episode.record.randomness)
+    is_restorable = False
     try:
         for step in steps:
             stored = episode.steps[STATE_KEY][step] if step < len(episode) else episode.final[STATE_KEY]
             state = np.asarray(stored, dtype=np.float64)
-            if not np.all(np.isfinite(state)):
-                continue
             try:
                 env.set_state(state)
-            except mujoco.FatalError:  # an explosion has more contacts than fit into MuJoCo's memory
-                continue
+            except InvalidEpisode:
+                if not is_restorable:  # states of another scene
+                    raise
+                continue  # the simulation had diverged there
+            is_restorable = True
             yield Frame(step, tuple(env.render_camera(camera, view.width, view.height) for camera in view.cameras))
     finally:
         env.close()

@@ -253,7 +253,7 @@ def _dataset(manifest: Manifest, store_url: str) -> DatasetInput:
 def _story(store: ArtifactStore, ref: ArtifactRef) -> str:
     """Markdown table of everything an artifact was made from, and of itself."""
     lines = [
-        f"What `{ref}` was made from (the picture is `lineage.html` among the run's artifacts; "
+        f"What `{ref}` was made from (the drawing is `lineage.html` among the run's artifacts; "
         f"`juicer lineage {ref.id}` prints it):",
         "",
         "| artifact | made by | from | facts |",

@@ -98,9 +98,13 @@ class DeliveryState:
 
     @classmethod
     def load(cls, journal: Journal) -> Self:
-        """State of a journal; one that was never delivered starts at the beginning."""
-        path = _state_path(journal)
-        return cls(**json.loads(path.read_text())) if path.exists() else cls()
+        """State of a journal; one that was never delivered, or whose state is lost, starts at the beginning."""
+        try:
+            state = cls(**json.loads(_state_path(journal).read_text()))
+        except (OSError, ValueError, TypeError):
+            return cls()
+        kinds = ((state.run_id, str), (state.experiment_id, str), (state.offset, int))
+        return state if all(isinstance(value, kind) for value, kind in kinds) else cls()
 
     def save(self, journal: Journal) -> None:
         """Replace the state of a journal."""

@@ -70,6 +70,7 @@ def test_a_whole_configuration_is_pasted(runs):
         (loop, {"task": "lmap"}, "did you mean 'lamp'"),
         (loop, {"overrides": ["record.task=one_leg"]}, "record.task"),
         (loop, {"preset": "labtop"}, "did you mean 'laptop'"),
+        (loop, {"overrides": ["logs=recordings"]}, "must be an absolute path"),
         (configured, {"configuration": "task: lamp\ntask: one_leg\n"}, "'task'"),
         (configured, {"configuration": "- 1"}, "must hold a mapping"),
         (configured, {"configuration": "logs: recordings"}, "must be an absolute path"),

@@ -110,7 +110,7 @@ def test_every_value_knows_where_it_was_written(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write(tmp_path / "base.yaml", "rounds: 2\nrecord:\n  seed: 1\n  first: 5\nselect: {longest: 2.0}\n")
     path = write(tmp_path / "run.yaml", "base: base.yaml\nrecord:\n  seed: 2\n")
-    written = read_written(path).assigning(["evaluate.episodes=3"])
+    written = read_written(path).assigning(["evaluate.episodes=3"], None)
     assert written.place(("rounds",)) == "base.yaml:1"
     assert written.place(("record", "seed")) == f"{'run.yaml'}:3"
     assert written.place(("record", "first")) == "base.yaml:4"

@@ -230,7 +230,7 @@ def test_a_forked_process_draws_unless_its_parent_did():
     done = run(FORK.format(drawn_before=False))
     assert done.stdout.count("(480, 640, 3)") == 2, done.stderr
     done = run(FORK.format(drawn_before=True))
-    assert done.stdout.count("was forked from one that had drawn pictures") == 2, done.stderr
+    assert done.stdout.count("was forked from one that had drawn images") == 2, done.stderr
 
 
 def test_environments_in_other_processes_draw():

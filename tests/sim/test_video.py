@@ -75,6 +75,19 @@ def test_a_state_that_is_no_number_is_left_out(drawing: None, insertions: list[E
     assert frame.step == 0
 
 
+def test_a_state_of_an_explosion_is_left_out_and_one_of_another_scene_is_refused(
+    drawing: None, insertions: list[Episode]
+):
+    states = np.array(insertions[0].steps[STATE_KEY], dtype=np.float64)
+    states[3:] *= 1e6
+    exploded = replace(insertions[0], steps={**insertions[0].steps, STATE_KEY: states})
+    small = View(cameras=("front",), width=160, height=120)
+    assert [frame.step for frame in draw(exploded, [0, 2, 4], small)] == [0, 2]
+    other = replace(insertions[0], steps={**insertions[0].steps, STATE_KEY: states[:, 1:]})
+    with pytest.raises(InvalidEpisode):
+        list(draw(other, [0], small))
+
+
 @pytest.mark.parametrize("size", [(0, 0), (160, 119), (1281, 720), (99999, 99999), (-480, 360)])
 def test_a_size_that_cannot_be_drawn_or_read_is_refused(size: tuple[int, int]):
     with pytest.raises(ConfigError, match="measures 160x120 to 1280x720 pixels"):

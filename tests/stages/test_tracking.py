@@ -83,6 +83,13 @@ def test_half_a_line_left_by_a_kill_swallows_nothing(tmp_path):
     assert events(again) == [RUN, MADE]
 
 
+@pytest.mark.parametrize("content", ["", "{", "[]", "null", '{"offset": "7"}', '{"nonsense": 1}'])
+def test_a_state_of_delivery_that_is_nonsense_means_that_nothing_was_delivered(tmp_path, content):
+    journal = Journal(tmp_path, "run")
+    (tmp_path / "run.state.json").write_text(content)
+    assert DeliveryState.load(journal) == DeliveryState()
+
+
 def test_killed_run_is_written_down_as_killed_once_its_writer_is_gone(tmp_path):
     record = RunRecord(tmp_path, description())
     Journal(tmp_path, record.journal.key).bury()

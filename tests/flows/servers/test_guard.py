@@ -168,3 +168,7 @@ def test_names_and_addresses_are_the_same_to_the_guard():
     assert host_name("prefect:4200") == "prefect:4200"
     assert host_name("http://prefect.example.org:80") == "prefect.example.org"
     assert host_names(["", " "]) == frozenset()
+
+
+def test_the_port_that_goes_without_saying_is_left_out_by_browsers():
+    assert loopback_names(80) == {"127.0.0.1", "localhost", "[::1]"}
