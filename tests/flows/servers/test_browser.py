@@ -127,7 +127,7 @@ def test_a_foreign_page_reads_and_writes_nothing(browser, elsewhere, servers, ju
     serving = juicer("serve", data=prefect.home)
     assert any(line.startswith("waiting for runs") for line in serving.stdout)
     found = prefect.post("/api/deployments/filter", {"limit": 50})
-    deployment = next(entry["id"] for entry in found if entry["name"] == "train")
+    deployment = next(entry["id"] for entry in found if entry["name"] == "loop")
     before = snapshot(prefect, mlflow, deployment)
 
     # The worst case: the user has given both passwords to this browser.
