@@ -73,6 +73,7 @@ def ours(elsewhere):
     [f"run {SMOKE}", f"stage record -c {SMOKE}", "ui", "serve", "evaluate ab", "repair ab"],
     ids=lambda arguments: arguments.split()[0],
 )
+@pytest.mark.usefixtures("python_of_nobody")
 def test_commands_that_write_say_whose_folder_it_is(ours, arguments):
     done = as_nobody(*arguments.split(), data=ours)
     assert done.returncode == 1
@@ -84,10 +85,12 @@ def test_commands_that_write_say_whose_folder_it_is(ours, arguments):
     assert not list(ours.iterdir())
 
 
+@pytest.mark.usefixtures("python_of_nobody")
 def test_commands_that_look_need_no_right_to_write(ours):
     assert as_nobody("ls", data=ours).returncode == 0
 
 
+@pytest.mark.usefixtures("python_of_nobody")
 def test_a_database_that_cannot_be_written_is_named(ours):
     (ours / "prefect.db").touch()
     ours.chmod(0o777)
@@ -95,6 +98,7 @@ def test_a_database_that_cannot_be_written_is_named(ours):
     assert f"you have no right to write the file '{ours / 'prefect.db'}', which belongs to 'root'" in done.stderr
 
 
+@pytest.mark.usefixtures("python_of_nobody")
 def test_a_store_of_somebody_else_is_named(ours, elsewhere):
     ours.chmod(0o777)
     store = elsewhere / "store"

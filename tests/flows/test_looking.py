@@ -113,6 +113,7 @@ def test_an_artifact_whose_manifest_is_lost_is_moved_aside(capsys, store, refs):
 
 
 @pytest.mark.parametrize("mode", [0o000, 0o111])
+@pytest.mark.usefixtures("python_of_nobody")
 def test_a_folder_that_cannot_be_read_is_named_and_fails_every_command_that_needs_it(store, refs, mode):
     (store.cache / "episodes").chmod(mode)
     hidden = f"folder '{store.cache / 'episodes'}' cannot be read (Permission denied)"
@@ -129,6 +130,7 @@ def test_a_folder_that_cannot_be_read_is_named_and_fails_every_command_that_need
     assert len(json.loads(out)) == 2
 
 
+@pytest.mark.usefixtures("python_of_nobody")
 def test_a_store_that_cannot_be_read_is_named(store, refs):
     store.cache.chmod(0)
     for command in (["verify"], ["ls"], ["show", refs[0].id], ["lineage", refs[0].id]):
@@ -137,6 +139,7 @@ def test_a_store_that_cannot_be_read_is_named(store, refs):
         assert f"folder '{store.cache}' cannot be read (Permission denied)" in err, command
 
 
+@pytest.mark.usefixtures("python_of_nobody")
 def test_an_artifact_that_cannot_be_read_is_named_and_not_called_damaged(store, refs):
     (store.cache / str(refs[0])).chmod(0)
     for command in (["verify"], ["ls"], ["show", refs[0].id], ["lineage", refs[1].id]):
@@ -149,6 +152,7 @@ def test_an_artifact_that_cannot_be_read_is_named_and_not_called_damaged(store, 
     assert f"the data folder '{store.cache}' cannot be written: you have no right to write in it" in err
 
 
+@pytest.mark.usefixtures("python_of_nobody")
 def test_a_data_folder_that_may_only_be_read_is_enough_for_looking(store, refs):
     for command in (["verify"], ["ls"], ["show", refs[0].id], ["lineage", refs[2].id]):
         status, out, err = as_nobody(*command)
