@@ -1,4 +1,4 @@
-"""YAML as configurations and labels use it: plain values, every key once, bounded in size, and where each value stands.
+"""YAML as configurations use it: plain values, every key once, bounded in size, and where each value stands.
 
 Numbers, ``true``, ``false`` and ``null`` are read as YAML 1.2 defines them; everything else is text, so that a name may
 look like a date, ``no`` is a word and ``1:30`` no number.

@@ -13,10 +13,10 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from flows.doctor.verdict import Verdict, ok, problem, warning
+from flows.servers.addresses import LOOPBACK, connect
 from flows.settings import PREFIX, Settings
 from juicer.errors import did_you_mean
 
-LOOPBACK = "127.0.0.1"
 CONNECT_SECONDS = 3.0
 PORTS = {"Prefect": 4200, "MLflow": 5000}
 PREFECT_ADDRESS = "PREFECT_API_URL"
@@ -79,10 +79,12 @@ def check_ports(settings: Settings) -> Iterator[Verdict]:
 
 def check_tracking(settings: Settings) -> Iterator[Verdict]:
     """Whether the place that records go to can be used."""
-    uri = settings.tracking_uri or f"sqlite:///{settings.folder / 'mlflow.db'}"
+    uri = settings.tracking_uri
     scheme = urlsplit(uri).scheme
     if not settings.tracks:
         yield ok("nothing is recorded in MLflow, as JUICER_TRACKING_URI says")
+    elif not uri:
+        yield _database(settings.folder / "mlflow.db")
     elif scheme in ("http", "https"):
         if reason := _refusal(uri):
             yield warning(
@@ -113,10 +115,9 @@ def _refusal(url: str) -> str:
     """Why nobody answers for an address, as the end of a sentence; empty if somebody does."""
     try:
         parts = urlsplit(url)
-        port = parts.port or (443 if parts.scheme == "https" else 80)
         if parts.scheme not in ("http", "https") or not parts.hostname:
             return "is no address; write it as http://HOST:PORT/api"
-        socket.create_connection((parts.hostname, port), timeout=CONNECT_SECONDS).close()
+        connect(url)
     except ValueError as error:
         return f"is no address ({error})"
     except OSError as error:
