@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from juicer.critical_states import AnnotationConfig, propose
-from juicer.ingestion import Ingestion, IngestionConfig, steps_to_keep
+from juicer.annotation.propose import AnnotationConfig, propose
+from juicer.demonstration.ingestion import Ingestion, IngestionConfig, steps_to_keep
+from juicer.demonstration.recording import record_demonstration
+from juicer.expert.operator import OperatorStep, ScriptedOperator
 from juicer.seeding import stream
 from juicer.sim.env import AssemblyEnv
 from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import AssemblyTask, CriticalState, Insertion, Joint
-from juicer.teleoperation.operator import OperatorStep, ScriptedOperator
-from juicer.teleoperation.record import record_demonstration
 
 
 class Onlooker(ScriptedOperator):

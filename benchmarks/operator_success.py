@@ -10,10 +10,10 @@ import time
 from collections import Counter
 from statistics import fmean
 
+from juicer.demonstration.log import OperatorLog
+from juicer.demonstration.recording import recordings
 from juicer.evaluation import wilson_interval
 from juicer.tasks.registry import get_task
-from juicer.teleoperation.log import OperatorLog
-from juicer.teleoperation.record import recordings
 
 
 def main() -> None:

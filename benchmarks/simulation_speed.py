@@ -14,9 +14,9 @@ import time
 import mujoco
 import numpy as np
 
+from juicer.expert.operator import ScriptedOperator
 from juicer.seeding import stream
 from juicer.sim.env import SUBSTEPS_PER_UPDATE, TARGET_UPDATES, AssemblyEnv
-from juicer.teleoperation.operator import ScriptedOperator
 
 
 def main() -> None:

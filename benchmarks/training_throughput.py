@@ -18,10 +18,10 @@ import torch
 
 from juicer.config import StrictConfig, parse_config, read_mapping
 from juicer.geometry import matrix_to_rot6d, normalised, quat_to_matrix
-from juicer.policy.compute import compute_settings
+from juicer.policy.acting import TrainedPolicy
 from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
 from juicer.policy.network import build_policy
-from juicer.policy.policy import TrainedPolicy
+from juicer.policy.torch_settings import compute_settings
 from juicer.tasks.specification import MOUNTED_COSINE, MOUNTED_M
 from juicer.training.config import TrainingConfig
 from juicer.training.learner import Learner

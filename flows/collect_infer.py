@@ -5,8 +5,8 @@ from __future__ import annotations
 from prefect import flow
 
 from flows.config import CollectInferConfig
-from flows.execution import RunOutcome
-from flows.run import run, task_runner
+from flows.running.body import run, task_runner
+from flows.running.execution import RunOutcome
 
 
 @flow(name="collect_infer", flow_run_name="{config.name}", task_runner=task_runner(), persist_result=False)

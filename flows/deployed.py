@@ -13,12 +13,12 @@ from pydantic import Field, WithJsonSchema
 
 from flows.conditions import Condition
 from flows.config import RunConfig, parse_runs
-from flows.execution import RunOutcome
-from flows.run import run, task_runner
+from flows.running.body import run, task_runner
+from flows.running.execution import RunOutcome
 from flows.shipped import PRESETS, names
 from flows.single_stage import run_stage
 from juicer.tasks.task_name import TaskName
-from stages.names import STAGES
+from stages.runtime.names import STAGES
 
 Preset = Annotated[str, WithJsonSchema({"type": "string", "enum": names(PRESETS)})]
 StageName = Annotated[str, WithJsonSchema({"type": "string", "enum": list(STAGES)})]

@@ -9,8 +9,8 @@ from pathlib import Path
 from flows.conditions import METHODS, Condition
 from flows.loop_config import LoopConfig
 from juicer.artifacts.ref import ArtifactRef
+from juicer.demonstration.log import SUFFIX
 from juicer.errors import ArtifactNotFound, ConfigError
-from juicer.teleoperation.log import SUFFIX
 from juicer.text import printable
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
@@ -19,8 +19,8 @@ from stages.evaluate import evaluate
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
 from stages.record import record
+from stages.runtime.session import Session
 from stages.select import select
-from stages.session import Session
 from stages.train import TrainConfig, train
 
 

@@ -11,9 +11,9 @@ from typing import Annotated, Any, Self
 from pydantic import Field, field_validator, model_validator
 
 from flows.conditions import METHODS, Condition
+from juicer.annotation.propose import AnnotationConfig
 from juicer.config import ConfigT, StrictConfig
-from juicer.critical_states import AnnotationConfig
-from juicer.ingestion import IngestionConfig, IngestionSection
+from juicer.demonstration.ingestion import IngestionConfig, IngestionSection
 from juicer.policy.config import HorizonConfig, MLPConfig, PolicyConfig
 from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.tasks.registry import TASK_NAMES

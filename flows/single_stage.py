@@ -8,13 +8,13 @@ from prefect import flow
 from prefect.runtime import flow_run
 
 from flows.config import CollectInferConfig, RunConfig, StudyConfig
-from flows.opening import expect, opened
-from flows.plan import ready_calls
-from flows.run import task_runner
-from flows.servers.flow_runs import held
-from flows.settings import read_settings
-from flows.spread import sender
-from stages.prefect_task import PrefectPerformer
+from flows.remote.dispatch import sender
+from flows.running.body import task_runner
+from flows.running.context import expect, open_run
+from flows.running.flow_runs import held
+from flows.running.plan import ready_calls
+from flows.running.settings import read_settings
+from stages.runtime.prefect_task import PrefectPerformer
 
 
 @flow(name="single_stage", flow_run_name="{stage}", task_runner=task_runner(), persist_result=False)
@@ -29,8 +29,8 @@ def run_stage(stage: str, configs: Sequence[RunConfig], *, force: bool) -> list[
     forced = frozenset({stage}) if force else frozenset()
     with (
         held(settings.folder, flow_run.get_id()),
-        opened(settings, None, PrefectPerformer(), send=sender(settings), forced=forced) as surroundings,
+        open_run(settings, None, PrefectPerformer(), send=sender(settings), forced=forced) as run_context,
     ):
-        chosen = [entry for config in configs for entry in ready_calls(surroundings.session.store, config, stage)]
-        expect(surroundings, chosen)
-        return [str(entry.perform(surroundings.session)) for entry in chosen]
+        chosen = [entry for config in configs for entry in ready_calls(run_context.session.store, config, stage)]
+        expect(run_context, chosen)
+        return [str(entry.perform(run_context.session)) for entry in chosen]

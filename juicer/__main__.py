@@ -20,7 +20,7 @@ _BUNDLE = "bundle"
 
 
 def main() -> None:
-    """Entry point of the command; see :func:`flows.cli.main` for its exit status."""
+    """Entry point of the command; see :func:`flows.command.cli.main` for its exit status."""
     _open_standard_streams()
     try:
         Path.cwd()
@@ -31,7 +31,7 @@ def main() -> None:
     if problem := _intruder(home):
         sys.exit(f"juicer: {problem}")
     # By name: this package knows nothing of the command but where it is.
-    importlib.import_module("flows.cli").main()
+    importlib.import_module("flows.command.cli").main()
 
 
 def home_of_packages() -> Path:

@@ -74,7 +74,7 @@ class NothingLeft(JuicerError):
 
 
 class RenderingUnavailable(JuicerError):
-    """No OpenGL platform can draw a picture on this machine."""
+    """No OpenGL platform can draw an image on this machine."""
 
 
 class TrackingError(JuicerError):

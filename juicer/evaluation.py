@@ -1,4 +1,4 @@
-"""Evaluation that cannot lie: intervals and paired comparisons; :mod:`juicer.seed_ranges` has its initial states."""
+"""Success rates with intervals, and paired comparisons; :mod:`juicer.seed_ranges` has the initial states."""
 
 from __future__ import annotations
 
@@ -15,50 +15,6 @@ from juicer.seeding import stream
 Interval = tuple[float, float]
 """Lower and upper end of a confidence interval of a rate, each in [0, 1]."""
 
-PAPER_TABLE_VI: Mapping[str, Mapping[str, tuple[float, float]]] = {
-    "one_leg": {
-        "BC": (0.59, 0.68),
-        "State noise": (0.64, 0.7),
-        "TA": (0.64, 0.65),
-        "CI": (0.75, 0.79),
-        "TA+CI": (0.74, 0.85),
-        "Multi-task": (0.58, 0.67),
-        "MLP-C": (0.4, 0.52),
-        "MLP-NC": (0.0, 0.0),
-    },
-    "round_table": {
-        "BC": (0.18, 0.21),
-        "State noise": (0.12, 0.19),
-        "TA": (0.28, 0.31),
-        "CI": (0.24, 0.27),
-        "TA+CI": (0.32, 0.35),
-        "Multi-task": (0.25, 0.34),
-        "MLP-C": (0.09, 0.15),
-        "MLP-NC": (0.0, 0.0),
-    },
-    "lamp": {
-        "BC": (0.06, 0.07),
-        "State noise": (0.06, 0.11),
-        "TA": (0.08, 0.12),
-        "CI": (0.18, 0.29),
-        "TA+CI": (0.28, 0.3),
-        "Multi-task": (0.12, 0.18),
-        "MLP-C": (0.03, 0.04),
-        "MLP-NC": (0.0, 0.0),
-    },
-    "square_table": {
-        "BC": (0.06, 0.09),
-        "State noise": (0.13, 0.16),
-        "TA": (0.09, 0.17),
-        "CI": (0.12, 0.2),
-        "TA+CI": (0.15, 0.17),
-        "Multi-task": (0.07, 0.1),
-        "MLP-C": (0.04, 0.09),
-        "MLP-NC": (0.0, 0.0),
-    },
-}
-"""Average and best success rate of five image-based models, by task and condition (paper, Table VI)."""
-
 
 def wilson_interval(successes: int, trials: int, level: float = 0.95) -> Interval:
     """Wilson score interval of a rate.
@@ -67,7 +23,7 @@ def wilson_interval(successes: int, trials: int, level: float = 0.95) -> Interva
         ValueError: If there are no trials, or more successes than trials.
     """
     if not 0 <= successes <= trials or trials == 0:
-        raise ValueError(f"{successes} successes in {trials} trials are no rate")
+        raise ValueError(f"{successes} successes in {trials} trials do not make a rate")
     z = NormalDist().inv_cdf(0.5 + level / 2)
     rate = successes / trials
     scale = 1 + z * z / trials
@@ -241,17 +197,3 @@ def milestone_counts(milestones: Sequence[Mapping[str, int]], names: Sequence[st
         names: All milestones of the task, in order.
     """
     return {name: sum(name in reached for reached in milestones) for name in names}
-
-
-def markdown_table(results: Sequence[ConditionResult]) -> str:
-    """Comparison in the form of the paper's Table VI, as Markdown."""
-    lines = [
-        "| condition | average | 95 % interval | best | models | episodes |",
-        "|---|---:|---:|---:|---:|---:|",
-    ]
-    lines += [
-        f"| {row.condition} | {row.average:.0%} | {row.interval[0]:.0%} to {row.interval[1]:.0%} "
-        f"| {row.best:.0%} | {row.num_models} | {row.num_episodes} |"
-        for row in results
-    ]
-    return "\n".join(lines) + "\n"

@@ -6,13 +6,14 @@ from collections import Counter
 from pathlib import Path
 from statistics import fmean
 
-from juicer.annotation import annotate as annotate_demonstrations
+from juicer.annotation.annotate import annotate as annotate_demonstrations
+from juicer.annotation.labels import read_labels
+from juicer.annotation.propose import AnnotationConfig
 from juicer.artifacts.ref import ArtifactRef
-from juicer.critical_states import AnnotationConfig
-from juicer.labels import read_labels
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.tables import write_annotations
-from stages.stage import StageContext, stage
+from stages.runtime.context import StageContext
+from stages.runtime.stage import stage
 
 
 @stage(kind="annotations", inputs={"episodes": "episodes"}, libraries=("mujoco", "numpy"))

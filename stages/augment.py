@@ -13,7 +13,8 @@ from juicer.config import Seed
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.storage.tables import read_annotations
 from juicer.tasks.registry import get_task
-from stages.stage import StageContext, stage
+from stages.runtime.context import StageContext
+from stages.runtime.stage import stage
 
 
 class AugmentConfig(AugmentationConfig):

@@ -7,14 +7,15 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from juicer.artifacts.ref import ArtifactRef
+from juicer.demonstration.ingestion import Demonstration, IngestionConfig, UnusableLog
+from juicer.demonstration.ingestion import ingest as ingest_logs
+from juicer.demonstration.log import SUFFIX
 from juicer.episode import Episode
 from juicer.errors import NothingLeft
-from juicer.ingestion import Demonstration, IngestionConfig, Rejection
-from juicer.ingestion import ingest as ingest_logs
 from juicer.storage.episodes import write_episodes
 from juicer.storage.recordings import Recording, write_recordings
-from juicer.teleoperation.log import SUFFIX
-from stages.stage import StageContext, stage
+from stages.runtime.context import StageContext
+from stages.runtime.stage import stage
 
 REJECTIONS_SHOWN = 100
 REASONS_TOLD = 10
@@ -49,10 +50,10 @@ class _Tally:
         self.recordings: list[Recording] = []
         self._devices: Counter[str] = Counter()
 
-    def keep(self, results: Iterable[Demonstration | Rejection]) -> Iterator[Episode]:
+    def keep(self, results: Iterable[Demonstration | UnusableLog]) -> Iterator[Episode]:
         episodes = 0
         for result in results:
-            if isinstance(result, Rejection):
+            if isinstance(result, UnusableLog):
                 self.recordings.append(Recording(result.source, reason=result.reason))
                 continue
             kept = tuple(result.kept.tolist())

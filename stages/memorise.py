@@ -9,7 +9,8 @@ from juicer.config import StrictConfig
 from juicer.policy.replay import ReplayPolicy
 from juicer.storage.episodes import EpisodeReader
 from juicer.tasks.registry import get_task
-from stages.stage import StageContext, stage
+from stages.runtime.context import StageContext
+from stages.runtime.stage import stage
 
 
 class MemoriseConfig(StrictConfig):

@@ -6,13 +6,14 @@ from pydantic import Field
 
 from juicer.artifacts.manifest import FINDING
 from juicer.config import Seed, StrictConfig
+from juicer.demonstration.log import SUFFIX
+from juicer.demonstration.recording import record_demonstrations
+from juicer.expert.operator import DEVICE
 from juicer.seed_ranges import Purpose, claim
 from juicer.tasks.specification import Randomness
 from juicer.tasks.task_name import TaskName
-from juicer.teleoperation.log import SUFFIX
-from juicer.teleoperation.operator import DEVICE
-from juicer.teleoperation.record import record_demonstrations
-from stages.stage import StageContext, stage
+from stages.runtime.context import StageContext
+from stages.runtime.stage import stage
 
 
 class RecordSection(StrictConfig):

@@ -13,14 +13,16 @@ from juicer.config import StrictConfig
 from juicer.episode import Outcome
 from juicer.errors import ConfigError, NothingLeft, RenderingUnavailable
 from juicer.evaluation import ConditionResult
+from juicer.reporting.comparison import ReportRow, condition_results
 from juicer.reporting.content import EpisodeVideo
+from juicer.reporting.report import configuration_text, gather
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.tables import EXAMPLES, read_evaluation
-from stages.report_data import ReportRow, condition_results, configuration_text, gather
-from stages.stage import StageContext, stage
+from stages.runtime.context import StageContext
+from stages.runtime.stage import stage
 
 if TYPE_CHECKING:
-    from stages.report_videos import Example
+    from juicer.reporting.videos import Example
 
 PAGE = "report.html"
 CONFIGURATION = "configuration.yaml"
@@ -95,7 +97,7 @@ def _videos(
     context: StageContext, evaluations: tuple[ArtifactRef, ...], config: ReportConfig, results: list[ConditionResult]
 ) -> tuple[tuple[EpisodeVideo, ...], tuple[str, ...]]:
     """Videos, and what must be said if there can be none."""
-    from stages.report_videos import make_videos
+    from juicer.reporting.videos import make_videos
 
     try:
         return make_videos(_examples(context, evaluations, config, results), context.draft.path, context.progress), ()
@@ -121,7 +123,7 @@ def _examples(
 
 def _typical(context: StageContext, row: ReportRow, ref: ArtifactRef, succeeded: bool) -> Example | None:
     """The first kept episode that got as far as most of its kind."""
-    from stages.report_videos import Example
+    from juicer.reporting.videos import Example
 
     folder = context.store.open(ref, "evaluation")
     reader = EpisodeReader(folder / EXAMPLES)

@@ -13,7 +13,8 @@ from juicer.config import StrictConfig
 from juicer.episode import Outcome
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.tables import SelectionRow, write_selection
-from stages.stage import StageContext, stage
+from stages.runtime.context import StageContext
+from stages.runtime.stage import stage
 
 
 class SelectConfig(StrictConfig):

@@ -23,7 +23,8 @@ from juicer.tasks.registry import TASK_NAMES, get_task
 from juicer.tasks.specification import MOUNTED_COSINE, MOUNTED_M
 from juicer.training.config import TrainingConfig
 from juicer.training.windows import TrainingEpisodes
-from stages.stage import StageContext, stage
+from stages.runtime.context import StageContext
+from stages.runtime.stage import stage
 
 if TYPE_CHECKING:
     from juicer.training.use import SourceUse

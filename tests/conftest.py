@@ -25,7 +25,7 @@ from juicer.episode import ACTION_SIZE, FINAL_KEYS, PROPRIOCEPTION_SIZE, Episode
 from juicer.seeding import stream
 
 if TYPE_CHECKING:
-    from juicer.teleoperation.log import OperatorLog
+    from juicer.demonstration.log import OperatorLog
 
 NUM_PARTS = 5
 SIM_STATE_SIZE = 12
@@ -116,9 +116,9 @@ def second_recording() -> OperatorLog:
 
 def _record(seed: int) -> OperatorLog:
     # Imported here: most tests need no simulator.
+    from juicer.demonstration.recording import record_demonstration
+    from juicer.expert.operator import ScriptedOperator
     from juicer.sim.env import AssemblyEnv
-    from juicer.teleoperation.operator import ScriptedOperator
-    from juicer.teleoperation.record import record_demonstration
 
     env = AssemblyEnv("one_leg")
     return record_demonstration(env, ScriptedOperator(env.task, stream(0, "operator", seed)), seed)

@@ -139,7 +139,7 @@ def test_worker_knows_the_passwords_of_both_servers(services: dict[str, Any]):
 def test_juicer_has_the_commands_it_is_called_with(services: dict[str, Any]):
     import typer
 
-    from flows.cli import app
+    from flows.command.cli import app
 
     group = typer.main.get_command(app)
     commands = list(commands_of(services, "juicer"))
@@ -187,7 +187,7 @@ def test_mlflow_reads_the_variables_that_are_set(services: dict[str, Any]):
 
 
 def test_juicer_reads_the_variables_that_are_set(services: dict[str, Any]):
-    from flows.settings import Settings
+    from flows.running.settings import Settings
 
     assert environment_names(services, "JUICER_") <= {f"JUICER_{name.upper()}" for name in Settings.model_fields}
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from flows.cli import app
+from flows.command.cli import app
 from flows.config import load_runs
 
 ROOT = Path(__file__).parents[1]

@@ -10,11 +10,9 @@ from scipy.stats import binomtest
 
 from juicer.errors import ConfigError
 from juicer.evaluation import (
-    ConditionResult,
     ModelResult,
     compare,
     hierarchical_interval,
-    markdown_table,
     mcnemar_p_value,
     milestone_counts,
     summarise,
@@ -130,8 +128,3 @@ def test_conditions_without_a_common_seed_cannot_be_compared():
 def test_milestones_are_counted_in_the_tasks_order():
     reached = [{"lifted": 9}, {"lifted": 4, "inserted": 30}, {}]
     assert list(milestone_counts(reached, ("lifted", "inserted")).items()) == [("lifted", 2), ("inserted", 1)]
-
-
-def test_table_states_interval_models_and_episodes():
-    table = markdown_table([ConditionResult("BC", (result(0, "1110"), result(1, "1000")), (0.21, 0.79))])
-    assert table.splitlines()[-1] == "| BC | 50% | 21% to 79% | 75% | 2 | 8 |"

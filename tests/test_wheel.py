@@ -41,7 +41,7 @@ def test_it_holds_one_package_with_all_that_the_command_needs(installed: Path):
     names = {path.name for path in installed.iterdir()}
     assert {name for name in names if not name.endswith(".dist-info")} == {"juicer"}
     bundle = installed / "juicer" / "bundle"
-    for shipped in ("configs/demo.yaml", "configs/presets/laptop.yaml", "flows/cli.py", "stages/train.py"):
+    for shipped in ("configs/demo.yaml", "configs/presets/laptop.yaml", "flows/command/cli.py", "stages/train.py"):
         assert (bundle / shipped).is_file(), shipped
     assert (installed / "juicer" / "reporting" / "report.html.j2").is_file()
 

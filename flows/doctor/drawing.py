@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from flows.doctor.program import ProgramFailed, run_program
 from flows.doctor.verdict import Verdict, ok, problem, warning
-from flows.settings import Settings
+from flows.running.settings import Settings
 
 _DRAW = """
 import mujoco

@@ -18,7 +18,7 @@ from flows.doctor.places import check_data_folder, check_leftovers, check_store
 from flows.doctor.program import PATIENCE_SECONDS
 from flows.doctor.surroundings import check_ports, check_prefect, check_proxies, check_tracking, check_variables
 from flows.doctor.verdict import Check, Verdict, problem, warning
-from flows.settings import PREFIX, Settings
+from flows.running.settings import PREFIX, Settings
 from juicer.errors import JuicerError
 from juicer.text import printable
 

@@ -11,10 +11,10 @@ from collections.abc import Iterator
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
-from flows.device import REMEDY, lack_of
 from flows.doctor.program import run_program
 from flows.doctor.verdict import Verdict, ok, problem, warning
-from flows.settings import Settings
+from flows.running.device import REMEDY, lack_of
+from flows.running.settings import Settings
 
 _TORCH = """
 import json, torch

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from flows.doctor.verdict import Verdict, ok, problem, warning
-from flows.settings import Settings
+from flows.running.settings import Settings
 
 LEAST_MEMORY, MEMORY_A_STAGE = 1.0e9, 0.8e9
 """Bytes of Prefect's server with the command, and of a stage with torch and MuJoCo."""

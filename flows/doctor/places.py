@@ -13,8 +13,8 @@ from datetime import datetime
 from pathlib import Path
 
 from flows.doctor.verdict import Verdict, ok, problem, warning
-from flows.settings import Settings
-from flows.store import open_store
+from flows.running.data_folder import open_store
+from flows.running.settings import Settings
 
 NOTABLE_SKEW_SECONDS = 5.0
 

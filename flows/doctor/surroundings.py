@@ -13,8 +13,8 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from flows.doctor.verdict import Verdict, ok, problem, warning
+from flows.running.settings import PREFIX, Settings
 from flows.servers.addresses import LOOPBACK, connect
-from flows.settings import PREFIX, Settings
 from juicer.errors import did_you_mean
 
 CONNECT_SECONDS = 3.0

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
-from flows.settings import Settings
+from flows.running.settings import Settings
 
 
 class State(StrEnum):

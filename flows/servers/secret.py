@@ -6,13 +6,13 @@ import os
 import secrets
 from pathlib import Path
 
+from flows.running.data_folder import PRIVATE
 from flows.servers.guard import Credentials
 from juicer.errors import ConfigError, ServiceUnavailable
 from juicer.reading import read_bounded
 
 SECRET_FILE = ".servers-password"
 USER = "juicer"
-PRIVATE = 0o600
 _BYTES = 24
 _MOST_BYTES = 1000
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 
-from flows.environment import API_VARIABLE, quiet_environment
+from flows.running.settings import read_settings
 from flows.servers.addresses import listen_on
+from flows.servers.environment import API_VARIABLE, quiet_environment
 from flows.servers.program import NAMES_VARIABLE, serve
-from flows.settings import read_settings
 from juicer.errors import ConfigError, ServiceUnavailable, did_you_mean
 from juicer.text import printable
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import atexit
 
-from flows.environment import API_VARIABLE, PASSWORD_VARIABLE, auth_string
 from flows.servers.addresses import LOOPBACK, listen_on
+from flows.servers.environment import API_VARIABLE, PASSWORD_VARIABLE, auth_string
 from flows.servers.process import ServerProcess, await_health
 from flows.servers.program import PREFECT_PASSWORD
 from flows.servers.secret import new_credentials

@@ -9,9 +9,13 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from flows.commands.output import say, say_json
-from flows.data_folder import prepare_folder
-from flows.environment import (
+from flows.running.context import destination
+from flows.running.data_folder import prepare_folder
+from flows.running.flow_runs import mark_crashed
+from flows.running.settings import Settings, read_settings
+from flows.servers.addresses import listen
+from flows.servers.announcement import Services, announced, find_services, only_one
+from flows.servers.environment import (
     API_VARIABLE,
     DATABASE_VARIABLE,
     PASSWORD_VARIABLE,
@@ -19,15 +23,11 @@ from flows.environment import (
     prefect_database,
     quiet_environment,
 )
-from flows.opening import destination
-from flows.servers.addresses import listen
-from flows.servers.announcement import Services, announced, find_services, only_one
-from flows.servers.flow_runs import mark_crashed
 from flows.servers.guard import Credentials
 from flows.servers.process import POLL_SECONDS, ServerProcess, await_health, title
 from flows.servers.program import MLFLOW_PASSWORD, MLFLOW_USER, NAMES_VARIABLE, PREFECT_PASSWORD
 from flows.servers.secret import SECRET_FILE, credentials_of, write_private
-from flows.settings import Settings, read_settings
+from flows.terminal.output import say, say_json
 from juicer.errors import ConfigError, ServiceUnavailable
 from stages.tracking.courier import Destination, initialise
 

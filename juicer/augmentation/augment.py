@@ -53,7 +53,7 @@ class Snippet:
 
 
 @dataclass(frozen=True)
-class Rejection:
+class FailedAttempt:
     """An attempt that gave no snippet.
 
     Attributes:
@@ -78,7 +78,7 @@ def augment(
     seed: int,
     num_workers: int | None = None,
     progress: Progress = silent_progress,
-) -> Iterator[Snippet | Rejection]:
+) -> Iterator[Snippet | FailedAttempt]:
     """Grow demonstrations around their critical states, and yield every attempt in order.
 
     Critical states are drawn with a probability proportional to one over the number of their snippets so far
@@ -133,13 +133,13 @@ def find_references(
 
 def _attempts(
     references: Sequence[Reference], config: AugmentationConfig, seed: int, num_workers: int | None
-) -> Iterator[Snippet | Rejection]:
+) -> Iterator[Snippet | FailedAttempt]:
     by_state: dict[int, list[Reference]] = {}
     for reference in references:
         by_state.setdefault(reference.critical_state, []).append(reference)
     counts = dict.fromkeys(sorted(by_state), 1)
 
-    def work(env: AssemblyEnv, index: int) -> Snippet | Rejection:
+    def work(env: AssemblyEnv, index: int) -> Snippet | FailedAttempt:
         rng = stream(seed, "augment", index)
         return attempt_snippet(env, _draw_reference(by_state, counts, rng), config, rng)
 
@@ -166,7 +166,7 @@ def _draw_reference(
 
 def attempt_snippet(
     env: AssemblyEnv, reference: Reference, config: AugmentationConfig, rng: np.random.Generator
-) -> Snippet | Rejection:
+) -> Snippet | FailedAttempt:
     """Plan, execute and verify one snippet.
 
     Args:
@@ -185,7 +185,7 @@ def attempt_snippet(
         if reason is None:
             return _snippet(result, reference, kind)
         result = reason
-    return Rejection(reference.parent, reference.critical_state, kind, result)
+    return FailedAttempt(reference.parent, reference.critical_state, kind, result)
 
 
 def _snippet(episode: Episode, reference: Reference, kind: str) -> Snippet:

@@ -21,7 +21,7 @@ Range = Annotated[tuple[Bound, Bound], AfterValidator(_ordered)]
 
 
 class DepartureConfig(StrictConfig):
-    """How the hand is led away from a critical state: up, off into a cone, turned on the spot, partly down again."""
+    """How the end effector leaves a critical state: up, off into a cone, turned on the spot, partly down again."""
 
     weight: float = Field(default=1.0, gt=0, le=1e6, description="how often it is drawn, relative to the other kinds")
     lift_m: Range = Field(description="straight up, before anything else")

@@ -18,7 +18,7 @@ from juicer.sim.recorder import EpisodeRecorder
 def execute(env: AssemblyEnv, reference: Reference, departure: NDArray[np.float64]) -> Episode | RejectionReason:
     """Restore the critical state, depart, and record the return and the demonstration's own actions after it.
 
-    The way back is the departure's *achieved* poses, reversed, as absolute targets: where the hand has been, it
+    The way back is the departure's *achieved* poses, reversed, as absolute targets: where the end effector has been, it
     can be again. The departure itself is not recorded.
 
     Args:

@@ -15,7 +15,7 @@ GRIPPER_WIDTH = 15
 
 
 @dataclass(frozen=True)
-class Checkpoint:
+class Expected:
     """What the demonstration showed at a step.
 
     Attributes:
@@ -56,8 +56,8 @@ class Reference:
     pose: NDArray[np.float32]
     gripper: float
     actions: NDArray[np.float32]
-    change: Checkpoint
-    end: Checkpoint
+    change: Expected
+    end: Expected
 
 
 def reference_of(
@@ -80,9 +80,9 @@ def reference_of(
     change = len(actions) if change is None else change
     end = min(change + steps_after_gripper_change, len(actions))
 
-    def checkpoint(index: int) -> Checkpoint:
+    def expected(index: int) -> Expected:
         shown = {name: steps[name][index] for name in OBSERVATION_KEYS} if index < len(actions) else demonstration.final
-        return Checkpoint(
+        return Expected(
             remaining=end - index,
             part_poses=np.array(shown["part_poses"], dtype=np.float32),
             gripper_width_m=float(shown["proprioception"][GRIPPER_WIDTH]),
@@ -98,6 +98,6 @@ def reference_of(
         pose=np.array(steps["proprioception"][step][:9], dtype=np.float32),
         gripper=float(gripper_commands(actions)[step]),
         actions=actions[step:end].copy(),
-        change=checkpoint(change),
-        end=checkpoint(end),
+        change=expected(change),
+        end=expected(end),
     )

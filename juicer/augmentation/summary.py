@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
-from juicer.augmentation.augment import Rejection, Snippet
+from juicer.augmentation.augment import FailedAttempt, Snippet
 from juicer.augmentation.config import AugmentationConfig
 from juicer.episode import Episode
 
@@ -38,12 +38,12 @@ class AugmentationSummary:
         self._above_mm: list[float] = []
         self._turned_deg: list[float] = []
 
-    def keep(self, attempts: Iterable[Snippet | Rejection]) -> Iterator[Episode]:
+    def keep(self, attempts: Iterable[Snippet | FailedAttempt]) -> Iterator[Episode]:
         """Count every attempt and yield the episodes of those that were kept."""
         for attempt in attempts:
             self._tried[attempt.departure] += 1
             self._tried_at[attempt.critical_state] += 1
-            if isinstance(attempt, Rejection):
+            if isinstance(attempt, FailedAttempt):
                 self._rejections[attempt.reason] += 1
                 continue
             self._kept[attempt.departure] += 1

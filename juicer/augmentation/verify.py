@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from juicer.augmentation.config import AugmentationConfig, ToleranceConfig
-from juicer.augmentation.reference import GRIPPER_WIDTH, Checkpoint, Reference
+from juicer.augmentation.reference import GRIPPER_WIDTH, Expected, Reference
 from juicer.episode import OBSERVATION_KEYS, Episode, Outcome
 from juicer.geometry import quat_to_matrix, rotation_angle
 
@@ -47,7 +47,7 @@ def deviation_from_reference(
     return next((reason for check in checks if (reason := _deviation(snippet, *check)) is not None), None)
 
 
-def _deviation(snippet: Episode, wanted: Checkpoint, tolerance: ToleranceConfig) -> RejectionReason | None:
+def _deviation(snippet: Episode, wanted: Expected, tolerance: ToleranceConfig) -> RejectionReason | None:
     """Every part counts, also those that should only have stayed where they were."""
     at = len(snippet) - wanted.remaining
     shown = {name: snippet.steps[name][at] for name in OBSERVATION_KEYS} if wanted.remaining else snippet.final

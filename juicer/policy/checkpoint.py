@@ -15,9 +15,9 @@ from torch import Tensor
 
 from juicer.config import StrictConfig
 from juicer.errors import InvalidCheckpoint
+from juicer.policy.acting import TrainedPolicy
 from juicer.policy.config import MOST_PARAMETERS, MOST_TASKS, FeatureSpec, PolicyConfig
 from juicer.policy.network import PolicyNetwork, build_policy
-from juicer.policy.policy import TrainedPolicy
 from juicer.policy.refusals import refusals_as_os_errors
 from juicer.policy.replay import REPLAY_FILE, ReplayPolicy, load_replay
 from juicer.policy.tensor_files import opened_tensors

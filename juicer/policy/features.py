@@ -21,17 +21,17 @@ ROTATION = slice(3, 9)
 """Where end-effector position (m) and rotation (6D) stand in proprioception, and the target's in an action."""
 
 
-class _Pose(NamedTuple):
+class _BatchedPose(NamedTuple):
     position: Tensor
     matrix: Tensor
 
-    def seen_from(self, frame: _Pose) -> _Pose:
+    def seen_from(self, frame: _BatchedPose) -> _BatchedPose:
         offset = rotate_back(frame.matrix, self.position - frame.position)
-        return _Pose(offset, frame.matrix.transpose(-1, -2) @ self.matrix)
+        return _BatchedPose(offset, frame.matrix.transpose(-1, -2) @ self.matrix)
 
-    def carrying(self, other: _Pose) -> _Pose:
+    def carrying(self, other: _BatchedPose) -> _BatchedPose:
         moved = (self.matrix @ other.position.unsqueeze(-1)).squeeze(-1)
-        return _Pose(self.position + moved, self.matrix @ other.matrix)
+        return _BatchedPose(self.position + moved, self.matrix @ other.matrix)
 
     def numbers(self) -> list[Tensor]:
         return [self.position, matrix_to_rot6d(self.matrix)]
@@ -50,7 +50,7 @@ def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config
     ``config.pairs`` may ask for all pairs side by side instead.
     """
     proprioception, part_poses = observations["proprioception"], observations["part_poses"]
-    gripper = _Pose(proprioception[..., POSITION], rot6d_to_matrix(proprioception[..., ROTATION]))
+    gripper = _BatchedPose(proprioception[..., POSITION], rot6d_to_matrix(proprioception[..., ROTATION]))
     placed = [_placed(part_poses, pair) for pair in spec.pairs]
     pairs = [_pair_features(gripper, each, config) for each in placed]
     if config.pairs == "all":
@@ -68,10 +68,10 @@ class _PlacedPair(NamedTuple):
     """A pair in a scene: its parts, where the second belongs, and the second seen from there."""
 
     spec: PairSpec
-    first: _Pose
-    second: _Pose
-    goal: _Pose
-    joint: _Pose
+    first: _BatchedPose
+    second: _BatchedPose
+    goal: _BatchedPose
+    joint: _BatchedPose
 
 
 def _placed(part_poses: Tensor, pair: PairSpec) -> _PlacedPair:
@@ -80,9 +80,9 @@ def _placed(part_poses: Tensor, pair: PairSpec) -> _PlacedPair:
     return _PlacedPair(pair, first, second, goal, second.seen_from(goal))
 
 
-def _place(first: _Pose, target: Target) -> _Pose:
+def _place(first: _BatchedPose, target: Target) -> _BatchedPose:
     pose = first.position.new_tensor(target)
-    return first.carrying(_Pose(pose[:3], quat_to_matrix(pose[3:])))
+    return first.carrying(_BatchedPose(pose[:3], quat_to_matrix(pose[3:])))
 
 
 def _is_mounted(pair: _PlacedPair, spec: FeatureSpec) -> Tensor:
@@ -90,14 +90,14 @@ def _is_mounted(pair: _PlacedPair, spec: FeatureSpec) -> Tensor:
     return torch.stack([_is_in_place(joint, pair.spec, spec) for joint in (pair.joint, *others)]).any(dim=0)
 
 
-def _is_in_place(joint: _Pose, pair: PairSpec, spec: FeatureSpec) -> Tensor:
+def _is_in_place(joint: _BatchedPose, pair: PairSpec, spec: FeatureSpec) -> Tensor:
     near = joint.position.abs().amax(dim=-1) <= spec.mounted_m
     if pair.any_rotation:
         return near
     return near & (joint.matrix.diagonal(dim1=-2, dim2=-1).amin(dim=-1) >= spec.mounted_cosine)
 
 
-def _pair_features(gripper: _Pose, pair: _PlacedPair, config: StateObservationConfig) -> Tensor:
+def _pair_features(gripper: _BatchedPose, pair: _PlacedPair, config: StateObservationConfig) -> Tensor:
     joint = pair.joint
     first_seen, second_seen = pair.first.seen_from(gripper), pair.second.seen_from(gripper)
     poses = (pair.first, pair.second, first_seen, second_seen, joint)
@@ -116,9 +116,9 @@ def _pair_features(gripper: _Pose, pair: _PlacedPair, config: StateObservationCo
     )
 
 
-def _part_pose(part_poses: Tensor, index: int) -> _Pose:
+def _part_pose(part_poses: Tensor, index: int) -> _BatchedPose:
     pose = part_poses[..., 7 * index : 7 * index + 7]
-    return _Pose(pose[..., :3], quat_to_matrix(pose[..., 3:]))
+    return _BatchedPose(pose[..., :3], quat_to_matrix(pose[..., 3:]))
 
 
 def _twist(matrix: Tensor) -> Tensor:

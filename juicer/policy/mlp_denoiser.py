@@ -11,7 +11,7 @@ from juicer.policy.config import MLPDenoiserConfig
 from juicer.policy.denoiser import Denoiser, StepEmbedding
 
 
-class ResidualBlock(nn.Sequential):
+class DenseBlock(nn.Sequential):
     """Two layers on the normalised input."""
 
     def __init__(self, width: int) -> None:
@@ -31,7 +31,7 @@ class MLPDenoiser(Denoiser):
         chunk_size = pred_horizon * action_size
         self.step_embedding = StepEmbedding(config.step_embedding)
         self.stem = nn.Linear(chunk_size + config.step_embedding + condition_size, config.width)
-        self.blocks = nn.ModuleList([ResidualBlock(config.width) for _ in range(config.blocks)])
+        self.blocks = nn.ModuleList([DenseBlock(config.width) for _ in range(config.blocks)])
         self.head = nn.Sequential(nn.LayerNorm(config.width), nn.Linear(config.width, chunk_size))
 
     def forward(self, noisy: Tensor, step: Tensor, condition: Tensor) -> Tensor:

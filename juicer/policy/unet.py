@@ -20,19 +20,19 @@ class ConvBlock(nn.Sequential):
         )
 
 
-class ResidualBlock(nn.Module):
+class ConvolutionBlock(nn.Module):
     """Two convolutions around a feature-wise scale and bias drawn from the condition (FiLM)."""
 
     def __init__(self, inputs: int, outputs: int, condition_size: int, config: UNetConfig) -> None:
         super().__init__()
         self.first = ConvBlock(inputs, outputs, config)
         self.second = ConvBlock(outputs, outputs, config)
-        self.film = nn.Sequential(nn.Mish(), nn.Linear(condition_size, 2 * outputs))
+        self.modulation = nn.Sequential(nn.Mish(), nn.Linear(condition_size, 2 * outputs))
         self.skip = nn.Conv1d(inputs, outputs, 1) if inputs != outputs else nn.Identity()
 
     def forward(self, x: Tensor, condition: Tensor) -> Tensor:
         """``(B, inputs, T) -> (B, outputs, T)``."""
-        scale, bias = self.film(condition).unsqueeze(-1).chunk(2, dim=1)
+        scale, bias = self.modulation(condition).unsqueeze(-1).chunk(2, dim=1)
         hidden = self.second(scale * self.first(x) + bias)
         return torch.as_tensor(hidden + self.skip(x))
 
@@ -57,7 +57,7 @@ class UNetDenoiser(Denoiser):
 
         def level(inputs: int, outputs: int) -> nn.ModuleList:
             return nn.ModuleList(
-                [ResidualBlock(inputs, outputs, size, config), ResidualBlock(outputs, outputs, size, config)]
+                [ConvolutionBlock(inputs, outputs, size, config), ConvolutionBlock(outputs, outputs, size, config)]
             )
 
         self.down = nn.ModuleList([level(action_size, low), level(low, middle), level(middle, high)])

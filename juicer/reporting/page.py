@@ -37,7 +37,7 @@ from juicer.reporting.figures import (
     success_figure,
     yield_figure,
 )
-from juicer.reporting.lineage import lineage_graph
+from juicer.reporting.lineage_drawing import lineage_graph
 from juicer.text import printable
 
 ASSETS = ("*.html.j2", "report.css", "report.js")

@@ -8,9 +8,10 @@ One step is exactly 0.1 s of simulated time.
 from __future__ import annotations
 
 import copy
+import importlib
 import logging
 from functools import lru_cache
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import gymnasium
 import mujoco
@@ -26,7 +27,6 @@ from juicer.sim.controller import MAX_ACTION, EndEffectorController, grip_comman
 from juicer.sim.initial_states import initial_part_poses
 from juicer.sim.milestones import BaseProgress, PairProgress
 from juicer.sim.panda import GRIP_FORCE_N, NUM_ARM_JOINTS, RESET_JOINTS_RAD
-from juicer.sim.rendering import CameraRenderer
 from juicer.sim.scene import FRONT_CAMERA, TIMESTEP_S, build_spec
 from juicer.sim.state import AWAKE_COUNTS, DIVERGED_SPEED, SimulatorState
 from juicer.sim.views import SceneViews
@@ -42,11 +42,26 @@ SETTLING_S = 0.3
 # A part this far below the table's surface has fallen off it.
 _LOST_BELOW_M = TABLE_HEIGHT_M - 0.05
 
+_RENDERER = "juicer.imaging.renderer"
+"""Loaded by name when an image is asked for: what draws shapes no result, so no result's identity follows it."""
+
 Observation = dict[str, NDArray[np.float32]]
 
 logger = logging.getLogger(__name__)
 # MuJoCo would print its warnings and write MUJOCO_LOG.TXT into the working directory.
 mujoco.set_mju_user_warning(logger.debug)
+
+
+class Renderer(Protocol):
+    """Draws named cameras of one model; see :class:`juicer.imaging.renderer.CameraRenderer`."""
+
+    def draw(self, data: mujoco.MjData, camera: str, width: int, height: int) -> NDArray[np.uint8]:
+        """Image ``(height, width, 3)`` of a state."""
+        ...
+
+    def close(self) -> None:
+        """Free what it holds."""
+        ...
 
 
 @lru_cache(maxsize=8)
@@ -116,7 +131,7 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.model: mujoco.MjModel = self.data.model
         self._views = SceneViews(self.model, self.data, self.task)
         self._state = SimulatorState(self.model, len(self.task.pairs), len(self._milestones))
-        self._renderer: CameraRenderer | None = None
+        self._renderer: Renderer | None = None
 
     def __copy__(self) -> Self:
         return copy.deepcopy(self)
@@ -225,7 +240,7 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return frozenset((min(pair), max(pair)) for pair in names)
 
     def render(self) -> NDArray[np.uint8]:
-        """Picture ``(480, 640, 3)`` of the front camera; any thread may ask for it.
+        """Image ``(480, 640, 3)`` of the front camera; any thread may ask for it.
 
         Raises:
             InvalidAction: If the environment was never reset.
@@ -234,14 +249,15 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return self.render_camera(FRONT_CAMERA, 640, 480)
 
     def render_camera(self, camera: str, width: int, height: int) -> NDArray[np.uint8]:
-        """Picture ``(height, width, 3)`` of a named camera, ``front`` or ``wrist``; see :meth:`render`."""
+        """Image ``(height, width, 3)`` of a named camera, ``front`` or ``wrist``; see :meth:`render`."""
         self._require_begun()
         if self._renderer is None:
-            self._renderer = CameraRenderer(self.model)
-        return self._renderer.draw(self.data, camera, width, height)
+            self._renderer = importlib.import_module(_RENDERER).CameraRenderer(self.model)
+        image: NDArray[np.uint8] = self._renderer.draw(self.data, camera, width, height)
+        return image
 
     def close(self) -> None:
-        """Free the renderer; may be called again, and a later picture makes a new one."""
+        """Free the renderer; may be called again, and a later image makes a new one."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None

@@ -78,7 +78,7 @@ def _set_physics(spec: mujoco.MjSpec, task: AssemblyTask) -> None:
     spec.default.geom.solref[:2] = (0.005, 1)
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 720
     spec.visual.quality.shadowsize = 2048
-    # Coarse round shapes: drawn in software, pictures cost in proportion to triangles.
+    # Coarse round shapes: drawn in software, images cost in proportion to triangles.
     spec.visual.quality.numslices, spec.visual.quality.numstacks = 14, 8
     spec.visual.map.znear, spec.visual.map.zfar = 0.01, 10.0
 

@@ -10,7 +10,7 @@ The base stands with -y up. Deviations from the measured facts, each for a reaso
 
 from __future__ import annotations
 
-from juicer.tasks.benchmark import (
+from juicer.tasks.furniture_bench import (
     BORE_RADIUS,
     MM,
     PEG_RADIUS,

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 
-from juicer.tasks.benchmark import (
+from juicer.tasks.furniture_bench import (
     BORE_RADIUS,
     MM,
     PEG_RADIUS,

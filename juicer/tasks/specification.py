@@ -14,7 +14,7 @@ from juicer.errors import ConfigError, did_you_mean
 from juicer.text import printable
 
 Vector = tuple[float, float, float]
-Pose = tuple[float, float, float, float, float, float, float]
+PoseValues = tuple[float, float, float, float, float, float, float]
 
 TABLE_HEIGHT_M = -0.015
 
@@ -149,7 +149,7 @@ class PartSpec:
     mass: float
     center_of_mass: Vector
     inertia: Vector
-    start: Pose
+    start: PoseValues
     footprint: tuple[float, float]
     rgb: Vector
     boxes: tuple[Box, ...] = ()
@@ -188,7 +188,7 @@ class AssemblyPair:
     label: str
     first: int
     second: int
-    targets: tuple[Pose, ...]
+    targets: tuple[PoseValues, ...]
     operator_target: int = 0
     joint: Joint = Joint.SCREWED
     any_rotation: bool = False
@@ -241,7 +241,7 @@ class AssemblyTask:
     parts: tuple[PartSpec, ...]
     base_label: str
     pairs: tuple[AssemblyPair, ...]
-    high_layouts: tuple[tuple[Pose, ...], ...]
+    high_layouts: tuple[tuple[PoseValues, ...], ...]
     max_steps: int
     critical_states: tuple[CriticalState, ...]
     gripper_width_m: float

@@ -10,14 +10,14 @@ Deviations from the measured facts, each for a reason:
 
 from __future__ import annotations
 
-from juicer.tasks.benchmark import MM, base_pose, inner_thread, outer_thread, shoulder
-from juicer.tasks.specification import AssemblyPair, AssemblyTask, Bore, Box, Insertion, PartSpec, Peg, Pose
+from juicer.tasks.furniture_bench import MM, base_pose, inner_thread, outer_thread, shoulder
+from juicer.tasks.specification import AssemblyPair, AssemblyTask, Bore, Box, Insertion, PartSpec, Peg, PoseValues
 
 HOLE_OFFSET = 56.25 * MM
 HOLES_XZ = tuple((sx * HOLE_OFFSET, sz * HOLE_OFFSET) for sx in (-1, 1) for sz in (-1, 1))
 """Axes of the four holes in the top's frame, in the order of the assembled poses."""
 
-ASSEMBLED_LEG_POSES: tuple[Pose, ...] = tuple((x, 46.875 * MM, z, 1.0, 0.0, 0.0, 0.0) for x, z in HOLES_XZ)
+ASSEMBLED_LEG_POSES: tuple[PoseValues, ...] = tuple((x, 46.875 * MM, z, 1.0, 0.0, 0.0, 0.0) for x, z in HOLES_XZ)
 """Assembled poses of a leg in the top's frame: any hole, identity rotation only."""
 
 _PLATE_BOTTOM, _PLATE_TOP, _RIM_TOP = -15.685 * MM, -9.435 * MM, 15.565 * MM

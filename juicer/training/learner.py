@@ -9,8 +9,8 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from juicer.policy.compute import has_fast_bfloat16
 from juicer.policy.network import PolicyNetwork
+from juicer.policy.torch_settings import has_fast_bfloat16
 from juicer.seeding import stream
 from juicer.training.config import TrainingConfig
 from juicer.training.table import Batch

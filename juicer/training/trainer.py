@@ -13,10 +13,10 @@ from torch import Tensor
 
 from juicer.errors import ConfigError, TrainingFailed
 from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetadata
-from juicer.policy.compute import compute_settings, usable_device
 from juicer.policy.config import HorizonConfig, PolicyConfig
 from juicer.policy.network import PolicyNetwork, build_policy
 from juicer.policy.tasks import Tasks
+from juicer.policy.torch_settings import compute_settings, usable_device
 from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progress
 from juicer.seeding import stream
 from juicer.training.config import OriginalStateNoise, TrainingConfig

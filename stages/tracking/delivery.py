@@ -21,10 +21,10 @@ from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ArtifactError
-from juicer.reporting.lineage import lineage_graph
+from juicer.reporting.lineage import label_of, lineage_nodes
+from juicer.reporting.lineage_drawing import lineage_graph
 from juicer.storage.curves import read_curves
 from juicer.storage.tables import read_evaluation
-from stages.report_data import label_of, lineage_nodes
 from stages.tracking.journal import END, MADE, METRICS, RESULT, RESUMED, RUN, DeliveryState, Entry
 from stages.tracking.record import DATA_KINDS
 

@@ -153,14 +153,15 @@ def _write_every_kind(store: ArtifactStore) -> ArtifactStore:
     # Imported here: most tests of this folder need none of it.
     import numpy as np
 
+    from juicer.demonstration.log import OperatorLog, write_log
     from juicer.episode import ACTION_SIZE, FINAL_KEYS, PROPRIOCEPTION_SIZE, Episode, EpisodeRecord, Outcome, Source
+    from juicer.imaging.video import write_video
     from juicer.policy.checkpoint import Checkpoint, CheckpointMetadata, save_checkpoint
     from juicer.policy.config import DiffusionConfig, FeatureSpec, MLPDenoiserConfig, PairSpec, PolicyConfig
     from juicer.policy.network import build_policy
     from juicer.progress import NullMetricSink
     from juicer.reporting.content import ReportData
     from juicer.reporting.page import write_page
-    from juicer.sim.video import write_video
     from juicer.storage.curves import CurveWriter
     from juicer.storage.episodes import write_episodes
     from juicer.storage.tables import (
@@ -171,7 +172,6 @@ def _write_every_kind(store: ArtifactStore) -> ArtifactStore:
         write_evaluation,
         write_selection,
     )
-    from juicer.teleoperation.log import OperatorLog, write_log
 
     rng = np.random.default_rng(0)
     shapes = {"proprioception": (PROPRIOCEPTION_SIZE,), "part_poses": (14,), "sim_state": (12,)}

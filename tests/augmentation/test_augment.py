@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from juicer.augmentation import augment as module
-from juicer.augmentation.augment import Rejection, Snippet, augment, find_references
+from juicer.augmentation.augment import FailedAttempt, Snippet, augment, find_references
 from juicer.augmentation.config import AugmentationConfig, ToleranceConfig
 from juicer.augmentation.execute import reproduces
 from juicer.augmentation.summary import AugmentationSummary
@@ -40,21 +40,21 @@ def critical(episode: int, critical_state: int = 0, confidence: float = 1.0) -> 
 
 def run(
     insertions: list[Episode], annotations: Sequence[Annotation] = (critical(0), critical(1)), **changes: Any
-) -> list[Snippet | Rejection]:
+) -> list[Snippet | FailedAttempt]:
     settings: dict[str, Any] = {"config": CONFIG, "seed": 0, "num_workers": 2} | changes
     return list(augment(Reader(insertions), annotations, artifact="0123", **settings))
 
 
 @pytest.fixture(scope="module")
-def attempts(insertions: list[Episode]) -> list[Snippet | Rejection]:
+def attempts(insertions: list[Episode]) -> list[Snippet | FailedAttempt]:
     return run(insertions)
 
 
-def snippets(attempts: Sequence[Snippet | Rejection]) -> list[Snippet]:
+def snippets(attempts: Sequence[Snippet | FailedAttempt]) -> list[Snippet]:
     return [attempt for attempt in attempts if isinstance(attempt, Snippet)]
 
 
-def test_as_many_snippets_as_wanted_come_from_the_demonstrations(attempts: list[Snippet | Rejection]):
+def test_as_many_snippets_as_wanted_come_from_the_demonstrations(attempts: list[Snippet | FailedAttempt]):
     kept = snippets(attempts)
     assert len(kept) == 3
     assert {snippet.episode.record.parent for snippet in kept} <= {"0123/0", "0123/1"}
@@ -62,9 +62,9 @@ def test_as_many_snippets_as_wanted_come_from_the_demonstrations(attempts: list[
     assert all(snippet.sideways_m > 0 for snippet in kept)
 
 
-def test_the_number_of_workers_changes_nothing(attempts: list[Snippet | Rejection], insertions: list[Episode]):
+def test_the_number_of_workers_changes_nothing(attempts: list[Snippet | FailedAttempt], insertions: list[Episode]):
     for first, second in zip(attempts, run(insertions, num_workers=3), strict=True):
-        if isinstance(first, Rejection):
+        if isinstance(first, FailedAttempt):
             assert first == second
             continue
         assert isinstance(second, Snippet)
@@ -73,13 +73,15 @@ def test_the_number_of_workers_changes_nothing(attempts: list[Snippet | Rejectio
             np.testing.assert_array_equal(values, second.episode.steps[name])
 
 
-def test_another_seed_gives_other_snippets(attempts: list[Snippet | Rejection], insertions: list[Episode]):
+def test_another_seed_gives_other_snippets(attempts: list[Snippet | FailedAttempt], insertions: list[Episode]):
     one = CONFIG.model_copy(update={"num_snippets": 1})
     first, second = snippets(attempts)[0], snippets(run(insertions, seed=1, config=one))[0]
     assert first.sideways_m != second.sideways_m
 
 
-def test_wanting_fewer_snippets_gives_the_first_of_them(attempts: list[Snippet | Rejection], insertions: list[Episode]):
+def test_wanting_fewer_snippets_gives_the_first_of_them(
+    attempts: list[Snippet | FailedAttempt], insertions: list[Episode]
+):
     few = run(insertions, config=CONFIG.model_copy(update={"num_snippets": 1}), num_workers=1)
     for first, second in zip(few, attempts, strict=False):
         assert isinstance(first, Snippet) == isinstance(second, Snippet)
@@ -89,9 +91,9 @@ def test_wanting_fewer_snippets_gives_the_first_of_them(attempts: list[Snippet |
 def test_critical_states_are_balanced_even_if_one_is_rejected_more_often(
     insertions: list[Episode], monkeypatch: pytest.MonkeyPatch
 ):
-    def judge(env: object, reference: Any, config: object, rng: np.random.Generator) -> Snippet | Rejection:
+    def judge(env: object, reference: Any, config: object, rng: np.random.Generator) -> Snippet | FailedAttempt:
         if reference.critical_state == 1 and rng.random() < 0.7:
-            return Rejection(reference.parent, 1, "far", RejectionReason.DROPPED)
+            return FailedAttempt(reference.parent, 1, "far", RejectionReason.DROPPED)
         return Snippet(insertions[0], reference.critical_state, "far", 0.0, 0.0, 0.0)
 
     monkeypatch.setattr(module, "attempt_snippet", judge)
@@ -109,7 +111,7 @@ def test_uncertain_proposals_and_failures_are_not_used(insertions: list[Episode]
     assert [reference.parent for reference in references] == ["0123/2"]
 
 
-def why_nothing(attempts: list[Snippet | Rejection], config: AugmentationConfig = CONFIG) -> str:
+def why_nothing(attempts: list[Snippet | FailedAttempt], config: AugmentationConfig = CONFIG) -> str:
     summary = AugmentationSummary(["insert leg"])
     assert not list(summary.keep(attempts))
     return summary.why_nothing(config)
@@ -142,7 +144,7 @@ def test_progress_counts_snippets_and_attempts(insertions: list[Episode]):
     assert [attempts for *_, attempts in heard] == list(range(1, len(heard) + 1))
 
 
-def test_stored_snippets_replay_exactly(attempts: list[Snippet | Rejection], tmp_path: Path):
+def test_stored_snippets_replay_exactly(attempts: list[Snippet | FailedAttempt], tmp_path: Path):
     write_episodes(tmp_path, (snippet.episode for snippet in snippets(attempts)), {})
     reader = EpisodeReader(tmp_path)
     env = AssemblyEnv("one_leg", max_steps=100_000)
@@ -150,7 +152,7 @@ def test_stored_snippets_replay_exactly(attempts: list[Snippet | Rejection], tmp
     assert all(reproduces(env, reader.read(index)) for index in range(3))
 
 
-def test_the_summary_tells_the_yield(attempts: list[Snippet | Rejection]):
+def test_the_summary_tells_the_yield(attempts: list[Snippet | FailedAttempt]):
     summary = AugmentationSummary(["insert leg"])
     episodes = list(summary.keep(attempts))
     facts = summary.as_json()

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from juicer.augmentation.augment import Rejection
+from juicer.augmentation.augment import FailedAttempt
 from juicer.augmentation.summary import AugmentationSummary, histogram
 from juicer.augmentation.verify import RejectionReason
 
@@ -12,9 +12,9 @@ def test_every_value_falls_into_one_bin():
 def test_rejections_are_counted_by_reason_and_kind():
     summary = AugmentationSummary(["insert leg"])
     attempts = [
-        Rejection("0123/0", 0, "far", RejectionReason.DROPPED),
-        Rejection("0123/0", 0, "near", RejectionReason.DROPPED),
-        Rejection("0123/1", 0, "near", RejectionReason.PART_POSITION),
+        FailedAttempt("0123/0", 0, "far", RejectionReason.DROPPED),
+        FailedAttempt("0123/0", 0, "near", RejectionReason.DROPPED),
+        FailedAttempt("0123/1", 0, "near", RejectionReason.PART_POSITION),
     ]
     assert list(summary.keep(attempts)) == []
     facts = summary.as_json()

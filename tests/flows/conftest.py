@@ -24,6 +24,6 @@ def python_of_nobody() -> None:
     """Skips where a user without any rights cannot run this Python, as when it lies in somebody's closed home."""
     as_nobody = {"user": 65534, "group": 65534, "extra_groups": []} if os.geteuid() == 0 else {}
     try:
-        subprocess.run([sys.executable, "-c", "import flows.cli"], check=True, capture_output=True, **as_nobody)
+        subprocess.run([sys.executable, "-c", "import flows.command.cli"], check=True, capture_output=True, **as_nobody)
     except (OSError, subprocess.CalledProcessError):
         pytest.skip("another user cannot run the Python of these tests")

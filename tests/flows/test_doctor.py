@@ -10,7 +10,7 @@ import threading
 import pytest
 from filelock import FileLock
 
-from flows.cli import call
+from flows.command.cli import call
 from flows.doctor import program
 from flows.doctor.drawing import check_drawing
 from flows.doctor.examination import CHECKS, examine, usable_settings
@@ -20,7 +20,7 @@ from flows.doctor.places import check_data_folder, check_leftovers, check_store
 from flows.doctor.program import ProgramFailed, run_program
 from flows.doctor.surroundings import check_prefect, check_proxies, check_tracking, check_variables
 from flows.doctor.verdict import State, ok
-from flows.settings import Settings
+from flows.running.settings import Settings
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ConfigError

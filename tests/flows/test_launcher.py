@@ -12,7 +12,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from flows.proxies import bypass_proxies_on_loopback
+from flows.servers.proxies import bypass_proxies_on_loopback
 from juicer.artifacts.store import ArtifactStore
 
 ROOT = Path(__file__).parents[2]

@@ -15,16 +15,17 @@ from pathlib import Path
 import pytest
 from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 
-from flows.environment import API_VARIABLE, DATABASE_VARIABLE, PASSWORD_VARIABLE, quiet_environment
-from flows.make import make
+from flows.remote.dispatch import DEPLOYMENT, send
+from flows.remote.worker import make
+from flows.running.settings import read_settings
+from flows.servers.environment import API_VARIABLE, DATABASE_VARIABLE, PASSWORD_VARIABLE, quiet_environment
 from flows.servers.temporary import TemporaryServer
-from flows.settings import read_settings
-from flows.spread import DEPLOYMENT, send
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ArtifactError, ServiceUnavailable
 from stages.record import RecordConfig, record
-from stages.session import Session
-from stages.stage import StageCall
+from stages.runtime.execution import execute, perform_here
+from stages.runtime.session import Session
+from stages.runtime.stage import StageCall
 
 SMOKE = Path(__file__).parents[2] / "configs" / "smoke.yaml"
 
@@ -170,11 +171,11 @@ RECORDING = record.prepare(config=RecordConfig(task="one_leg", randomness="low",
 
 
 def test_a_stage_does_not_wait_for_ever_for_a_machine_to_serve_it(data, server, monkeypatch):
-    monkeypatch.setattr("flows.spread.PATIENCE_SECONDS", 0.5)
+    monkeypatch.setattr("flows.remote.dispatch.PATIENCE_SECONDS", 0.5)
     with temporary_settings(prefect_settings(server)):
         make.to_deployment(DEPLOYMENT).apply()
         with pytest.raises(ServiceUnavailable, match="no machine offers to run stages; start `juicer serve`"):
-            RECORDING.execute(Session(ArtifactStore(data), send=send))
+            execute(RECORDING, Session(ArtifactStore(data), perform_here, send=send))
 
 
 @pytest.fixture(scope="module")
@@ -187,13 +188,13 @@ def serving(data, server):
     else:
         pytest.fail(process.stderr.read())
     with temporary_settings(prefect_settings(server)):
-        yield Session(ArtifactStore(data), send=send, label="bc seed 0")
+        yield Session(ArtifactStore(data), perform_here, send=send, label="bc seed 0")
     os.killpg(process.pid, signal.SIGINT)
     process.communicate(timeout=60)
 
 
 def test_a_stage_runs_on_the_machine_that_serves_stages(serving):
-    finished = RECORDING.execute(serving)
+    finished = execute(RECORDING, serving)
     assert not finished.reused
     assert serving.store.manifest(finished.ref).summary["successes"] == 1
 
@@ -201,4 +202,4 @@ def test_a_stage_runs_on_the_machine_that_serves_stages(serving):
 def test_a_machine_with_another_juicer_declines(serving):
     asked = StageCall(record, RECORDING.arguments, replace(RECORDING.recipe, code="of yesterday"))
     with pytest.raises(ArtifactError, match=r"another juicer, or other libraries, than the one that asks: .*code"):
-        asked.execute(serving)
+        execute(asked, serving)

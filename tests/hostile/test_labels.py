@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from juicer.annotation.labels import read_labels
 from juicer.errors import InvalidLabels
-from juicer.labels import read_labels
 
 HEADER = b"episode,step,critical_state\n"
 DEEP = 100_000

@@ -5,10 +5,10 @@ import pytest
 import torch
 
 from juicer.errors import InvalidCheckpoint
+from juicer.policy.acting import TrainedPolicy
 from juicer.policy.config import MLPConfig, PolicyConfig, StateObservationConfig
 from juicer.policy.encoder import StateEncoder
 from juicer.policy.network import build_policy
-from juicer.policy.policy import TrainedPolicy
 from juicer.policy.tasks import as_shown
 
 

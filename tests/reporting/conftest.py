@@ -8,7 +8,7 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from juicer.evaluation import PAPER_TABLE_VI, ModelResult, compare, summarise
+from juicer.evaluation import ModelResult, compare, summarise
 from juicer.reporting.content import (
     AugmentationYield,
     DatasetSize,
@@ -24,6 +24,7 @@ from juicer.reporting.content import (
     StageCost,
     TrainingCurve,
 )
+from juicer.reporting.paper import PAPER_TABLE_VI
 from juicer.seeding import stream
 
 MILESTONES = ("top_placed", "leg_lifted", "leg_upright", "over_hole", "inserted", "screwed")

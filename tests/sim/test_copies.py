@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from juicer.expert.operator import ScriptedOperator
 from juicer.seeding import stream
 from juicer.sim.controller import EndEffectorController
 from juicer.sim.env import AssemblyEnv
 from juicer.sim.registration import environment_id
 from juicer.sim.vector import AssemblyVectorEnv
 from juicer.tasks.registry import TASK_NAMES, get_task
-from juicer.teleoperation.operator import ScriptedOperator
 
 MEANS: dict[str, Callable[[Any], Any]] = {
     "copy.copy": copy.copy,

@@ -8,7 +8,7 @@ import pytest
 from juicer.geometry import quat_multiply, quat_to_matrix
 from juicer.sim.env import AssemblyEnv
 from juicer.sim.scene import home_xy
-from juicer.tasks.benchmark import PITCH
+from juicer.tasks.furniture_bench import PITCH
 
 BASE, BULB, HOOD = 0, 1, 2
 

@@ -11,7 +11,8 @@ from types import ModuleType
 import pytest
 
 from juicer.artifacts.store import ArtifactStore
-from stages.session import Session
+from stages.runtime.execution import perform_here
+from stages.runtime.session import Session
 
 TOYS = '''
 """Stages that do next to nothing."""
@@ -26,7 +27,8 @@ from pathlib import Path
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.errors import NothingLeft
-from stages.stage import StageContext, stage
+from stages.runtime.context import StageContext
+from stages.runtime.stage import stage
 
 
 class ToyConfig(StrictConfig):
@@ -106,7 +108,7 @@ def store(tmp_path: Path) -> ArtifactStore:
 @pytest.fixture
 def session(store: ArtifactStore) -> Session:
     """A session that runs stages at once, in this process."""
-    return Session(store)
+    return Session(store, perform_here)
 
 
 class Diary:

@@ -11,11 +11,14 @@ import av
 import numpy as np
 import pytest
 
+from flows.command.evaluated import evaluated_row, kept_episode, recomputed_episode
+from juicer.annotation.propose import AnnotationConfig
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.augmentation.config import ToleranceConfig
 from juicer.config import read_mapping
-from juicer.critical_states import AnnotationConfig
+from juicer.demonstration.ingestion import IngestionConfig
+from juicer.demonstration.log import write_log
 from juicer.episode import Outcome
 from juicer.errors import (
     ArtifactError,
@@ -26,27 +29,26 @@ from juicer.errors import (
     TrainingFailed,
     WrongArtifactKind,
 )
-from juicer.ingestion import IngestionConfig
 from juicer.policy.checkpoint import load_policy
 from juicer.policy.config import HorizonConfig
+from juicer.reporting.comparison import ReportRow
+from juicer.reporting.report import gather
 from juicer.rollout import rollout
 from juicer.storage.curves import read_curves
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.storage.tables import read_annotations, read_evaluation, read_selection, write_evaluation
-from juicer.teleoperation.log import write_log
 from juicer.training.config import TrainingConfig, WindowConfig
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import CollectConfig, collect
 from stages.evaluate import EvaluateConfig, evaluate
-from stages.evaluated import evaluated_row, kept_episode, recomputed_episode
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
 from stages.record import RecordConfig, record
 from stages.report import ReportConfig, report
-from stages.report_data import ReportRow, gather
+from stages.runtime.execution import perform_here
+from stages.runtime.session import Session
 from stages.select import SelectConfig, select
-from stages.session import Session
 from stages.train import TrainConfig, train
 
 POLICY = {
@@ -92,7 +94,7 @@ def logs(tmp_path_factory, recording, second_recording):
 
 @pytest.fixture(scope="module")
 def loop(tmp_path_factory, logs):
-    session = Session(ArtifactStore(tmp_path_factory.mktemp("store")), num_envs=2)
+    session = Session(ArtifactStore(tmp_path_factory.mktemp("store")), perform_here, num_envs=2)
     demonstrations = ingest(session, files=logs, config=INGEST)
     annotations = annotate(session, episodes=demonstrations, config=AnnotationConfig())
     corrective = augment(session, episodes=demonstrations, annotations=annotations, config=AUGMENT)
@@ -350,7 +352,7 @@ def test_report_is_written_where_nothing_can_be_drawn(loop, monkeypatch):
     def refuse(*_):
         raise RenderingUnavailable("no OpenGL platform can draw an image here")
 
-    monkeypatch.setattr("juicer.sim.rendering.CameraRenderer.draw", refuse)
+    monkeypatch.setattr("juicer.imaging.renderer.CameraRenderer.draw", refuse)
     ref = write_report(loop, findings=("drawn nowhere",))
     page = (loop.store.open(ref) / "report.html").read_text()
     assert "No videos or images of episodes: no OpenGL platform can draw an image here." in page
@@ -499,7 +501,7 @@ def test_a_replay_lasts_as_long_as_the_episodes_may(loop, monkeypatch):
         horizons.append(policy.action_horizon)
         return iter(())
 
-    monkeypatch.setattr("stages.rollouts.rollout", note_horizon)
+    monkeypatch.setattr("stages.runtime.rollouts.rollout", note_horizon)
     with pytest.raises(NothingLeft):
         evaluate(loop.session, checkpoint=checkpoint, config=EvaluateConfig(**SCENE, max_steps=7000))
     assert horizons == [7000]

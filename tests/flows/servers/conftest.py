@@ -121,7 +121,7 @@ def call_juicer(*arguments, data, cwd, **variables):
         **variables,
     }
     return subprocess.Popen(
-        [sys.executable, "-m", "flows.cli", *arguments],
+        [sys.executable, "-m", "flows.command.cli", *arguments],
         env=environment,
         cwd=cwd,
         stdout=subprocess.PIPE,

@@ -11,10 +11,10 @@ import sys
 
 import pytest
 
-from flows.environment import API_VARIABLE, DATABASE_VARIABLE, PASSWORD_VARIABLE, prepare_environment
+from flows.running.settings import Settings
 from flows.servers.addresses import check_reachable, is_answering, listen, port_of
 from flows.servers.announcement import SERVICES_FILE, Services, announced, find_services, only_one
-from flows.settings import Settings
+from flows.servers.environment import API_VARIABLE, DATABASE_VARIABLE, PASSWORD_VARIABLE, prepare_environment
 from juicer.errors import ConfigError, ServiceUnavailable
 
 SERVICES = Services(prefect="http://127.0.0.1:9", mlflow="http://127.0.0.1:10")

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from flows.environment import API_VARIABLE, DATABASE_VARIABLE, PASSWORD_VARIABLE
-from flows.servers.flow_runs import FOLDER, held, mark_crashed
+from flows.running.flow_runs import FOLDER, held, mark_crashed
+from flows.servers.environment import API_VARIABLE, DATABASE_VARIABLE, PASSWORD_VARIABLE
 from flows.servers.process import cause_of
 from flows.servers.temporary import TemporaryServer
 from flows.servers.watch import ServerWatch

@@ -12,7 +12,7 @@ import sys
 import pytest
 import websockets
 
-from flows.environment import API_VARIABLE, PASSWORD_VARIABLE
+from flows.servers.environment import API_VARIABLE, PASSWORD_VARIABLE
 
 METHODS = ["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"]
 JSON = {"Content-Type": "application/json"}

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from juicer.teleoperation.log import OperatorLog, write_log
+from juicer.demonstration.log import OperatorLog, write_log
 
 Entries = dict[str, bytes]
 Forge = Callable[[Entries], bytes]

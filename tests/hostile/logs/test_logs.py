@@ -14,13 +14,14 @@ import pytest
 
 from flows.loop import find_logs
 from juicer.artifacts.store import ArtifactStore
+from juicer.demonstration.ingestion import Ingestion, IngestionConfig
+from juicer.demonstration.log import OperatorLog
 from juicer.errors import RejectedLog
-from juicer.ingestion import Ingestion, IngestionConfig
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.recordings import read_recordings
-from juicer.teleoperation.log import OperatorLog
 from stages.ingest import ingest
-from stages.session import Session
+from stages.runtime.execution import perform_here
+from stages.runtime.session import Session
 
 Entries = dict[str, bytes]
 Forge = Callable[[Entries], bytes]
@@ -106,12 +107,12 @@ def test_what_is_only_unusual_is_read(entries: Entries, recording: OperatorLog, 
 BOUNDED = """
 import resource, sys
 from pathlib import Path
-from juicer.ingestion import IngestionConfig, Rejection, ingest
+from juicer.demonstration.ingestion import IngestionConfig, UnusableLog, ingest
 list(ingest([], IngestionConfig(task="one_leg")))
 now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (now + 2**26, now + 2**26))
 for result in ingest(sorted(Path(sys.argv[1]).glob("*.npz")), IngestionConfig(task="one_leg")):
-    assert isinstance(result, Rejection), result
+    assert isinstance(result, UnusableLog), result
     print(result.source, result.reason)
 """
 
@@ -139,7 +140,7 @@ def test_a_folder_of_hostile_logs_and_one_good_one_gives_one_demonstration(
     for number, forge in enumerate(hostile_logs.values()):
         (folder / f"hostile-{number:03}.npz").write_bytes(forge(entries))
     (folder / "good.npz").write_bytes(good.read_bytes())
-    session = Session(ArtifactStore(tmp_path / "store"))
+    session = Session(ArtifactStore(tmp_path / "store"), perform_here)
     ref = ingest(session, files=find_logs(folder), config=IngestionConfig(task="one_leg"))
     facts = session.store.manifest(ref).summary
     assert (facts["episodes"], facts["rejected"]) == (1, len(hostile_logs) + len(expected))
@@ -163,7 +164,7 @@ def test_the_command_line_lists_every_rejection_of_such_a_folder(
     (tmp_path / "mine.yaml").write_text(f"logs: {tmp_path / 'logs'}\n")
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3]), "JUICER_DATA": str(tmp_path / "data")}
     found = subprocess.run(
-        [sys.executable, "-m", "flows.cli", "stage", "ingest", "--config", str(tmp_path / "mine.yaml")],
+        [sys.executable, "-m", "flows.command.cli", "stage", "ingest", "--config", str(tmp_path / "mine.yaml")],
         capture_output=True,
         text=True,
         env=environment,

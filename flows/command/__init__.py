@@ -1,0 +1,1 @@
+"""The ``juicer`` command: one module a command."""

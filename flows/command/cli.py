@@ -1,0 +1,336 @@
+"""The ``juicer`` command. Nothing heavy is imported before a command needs it."""
+
+from __future__ import annotations
+
+import errno
+import signal
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from flows.command.options import CommandLine, choice, complete_configuration
+from flows.conditions import Condition
+from flows.servers.proxies import bypass_proxies_on_loopback
+from flows.shipped import CONFIGS, names
+from flows.terminal.output import say_error
+from flows.terminal.streams import tolerate_refusals
+from juicer import __version__
+from juicer.artifacts.ref import KINDS
+from juicer.errors import JuicerError
+from juicer.tasks.registry import TASK_NAMES
+from juicer.tasks.specification import Randomness
+from stages.runtime.names import STAGES
+
+VIEWS = ("front", "wrist", "both")
+FAILED = 1
+INTERRUPTED = 130
+
+app = CommandLine(
+    help="Robot assembly policies from a few dozen demonstrations: augment, imitate, collect, retrain, evaluate.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+_CONFIGURATION = f"File of a configuration, or the name of one that comes along: {', '.join(names(CONFIGS))}."
+Configuration = Annotated[
+    str, typer.Argument(metavar="CONFIG", help=_CONFIGURATION, autocompletion=complete_configuration)
+]
+ConfigFile = Annotated[
+    str,
+    typer.Option("--config", "-c", metavar="CONFIG", help=_CONFIGURATION, autocompletion=complete_configuration),
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        "-s",
+        metavar="KEY=VALUE",
+        help="Change a value of the configuration, e.g. --set evaluate.episodes=200 or --set 'seeds=[0, 1]'; "
+        "see `juicer config`. Repeatable.",
+    ),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
+Conditions = Annotated[
+    list[str] | None,
+    typer.Option("--condition", help="Only this condition of a study. Repeatable.", **choice(Condition)),
+]
+Seeds = Annotated[list[int] | None, typer.Option("--seed", min=0, help="Only this seed of a study. Repeatable.")]
+Tasks = Annotated[
+    list[str] | None,
+    typer.Option("--task", help="Only this of the configuration's tasks. Repeatable.", **choice(TASK_NAMES)),
+]
+StageName = Annotated[str, typer.Argument(help=f"Stage: {', '.join(STAGES)}.", **choice(STAGES, "NAME"))]
+ArtifactId = Annotated[str, typer.Argument(metavar="ID", help="Id of an artifact, or its first letters.")]
+
+
+def _say_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"juicer {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _whole(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def run(
+    config: Configuration,
+    overrides: Overrides = None,
+    task: Tasks = None,
+    condition: Conditions = None,
+    seed: Seeds = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only tell what would be reused or computed.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Run the whole loop: one model, or a study of several conditions and seeds."""
+    from flows.command.choice import Choice
+    from flows.command.run import preview_flow, run_flow
+
+    (preview_flow if dry_run else run_flow)(Choice.of(config, overrides, task, condition, seed), as_json)
+
+
+@app.command("config")
+def show_config(
+    config: Configuration,
+    overrides: Overrides = None,
+    task: Tasks = None,
+    condition: Conditions = None,
+    seed: Seeds = None,
+    as_json: AsJson = False,
+) -> None:
+    """Print a configuration in full, and where each of its values comes from; the output is a configuration itself."""
+    from flows.command.choice import Choice
+    from flows.command.config import print_configuration
+
+    print_configuration(Choice.of(config, overrides, task, condition, seed), as_json)
+
+
+@app.command()
+def stage(
+    name: StageName,
+    config: ConfigFile,
+    overrides: Overrides = None,
+    task: Tasks = None,
+    condition: Conditions = None,
+    seed: Seeds = None,
+    force: Annotated[bool, typer.Option("--force", help="Recompute even if the artifact is in the store.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Run one stage of a configuration from inputs that are in the store."""
+    from flows.command.choice import Choice
+    from flows.command.run import run_stage
+
+    run_stage(name, Choice.of(config, overrides, task, condition, seed), force, as_json)
+
+
+@app.command()
+def explain(
+    name: StageName,
+    config: ConfigFile,
+    overrides: Overrides = None,
+    task: Tasks = None,
+    condition: Conditions = None,
+    seed: Seeds = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say why a stage would be reused or computed."""
+    from flows.command.choice import Choice
+    from flows.command.run import explain_stage
+
+    explain_stage(name, Choice.of(config, overrides, task, condition, seed), as_json)
+
+
+@app.command("ls")
+def list_artifacts(
+    kind: Annotated[
+        str | None,
+        typer.Argument(help=f"Kind of artifact: {', '.join(KINDS)}; all if left out.", **choice(KINDS, "[KIND]")),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the artifacts in the store."""
+    from flows.command.show import list_kind
+
+    list_kind(kind, as_json)
+
+
+@app.command()
+def show(artifact: ArtifactId, as_json: AsJson = False) -> None:
+    """Describe an artifact: what made it, of what, and what it holds."""
+    from flows.command.show import show_artifact
+
+    show_artifact(artifact, as_json)
+
+
+@app.command()
+def lineage(artifact: ArtifactId, as_json: AsJson = False) -> None:
+    """Draw what an artifact was made from."""
+    from flows.command.show import show_lineage
+
+    show_lineage(artifact, as_json)
+
+
+@app.command()
+def verify(
+    artifact: Annotated[str | None, typer.Argument(metavar="[ID]", help="Artifact; all if left out.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Check that artifacts are as they were written."""
+    from flows.command.show import verify_artifacts
+
+    verify_artifacts(artifact, as_json)
+
+
+@app.command()
+def repair(
+    artifact: ArtifactId,
+    files: Annotated[
+        Path | None, typer.Option("--files", help="Folder of the logs or labels that a human gave.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Recompute a damaged artifact from what it was made from."""
+    from flows.command.evaluate import repair_artifact
+
+    repair_artifact(artifact, files, as_json)
+
+
+@app.command()
+def evaluate(
+    checkpoint: Annotated[str, typer.Argument(metavar="CHECKPOINT", help="Id of a checkpoint, or its first letters.")],
+    episodes: Annotated[int, typer.Option("--episodes", "-n", min=1, help="Evaluation episodes.")] = 100,
+    seed_start: Annotated[
+        int, typer.Option("--seed-start", min=0, help="Position of the first initial state among those for evaluation.")
+    ] = 0,
+    randomness: Annotated[
+        str, typer.Option("--randomness", help="Level of the initial states.", **choice(Randomness))
+    ] = Randomness.LOW.value,
+    task: Annotated[
+        str | None,
+        typer.Option("--task", help="Task, if the checkpoint was trained for several.", **choice(TASK_NAMES)),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Measure the success rate of a checkpoint."""
+    from flows.command.evaluate import evaluate_checkpoint
+
+    evaluate_checkpoint(checkpoint, task, episodes, seed_start, randomness, as_json)
+
+
+@app.command()
+def replay(
+    episodes: Annotated[
+        str, typer.Argument(metavar="EPISODES", help="Id of episodes or of an evaluation, or its first letters.")
+    ],
+    episode: Annotated[int, typer.Option("--episode", "-k", help="Which episode, counted from 0.")] = 0,
+    video: Annotated[
+        Path | None,
+        typer.Option("--video", help="Video to write, EPISODES-EPISODE.mp4 if left out; stills go beside it as PNG."),
+    ] = None,
+    camera: Annotated[
+        str,
+        typer.Option("--camera", help="Where it is seen from; both are side by side.", **choice(VIEWS)),
+    ] = "both",
+    size: Annotated[
+        str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size of each camera's image in pixels.")
+    ] = "480x360",
+    speed: Annotated[float, typer.Option("--speed", min=0.1, max=100, help="Times faster than real time.")] = 2.0,
+    as_json: AsJson = False,
+) -> None:
+    """Make a video of any episode in the store, with step numbers and milestones."""
+    from flows.command.replay import replay_episode
+
+    replay_episode(episodes, episode, video, camera, size, speed, as_json)
+
+
+@app.command()
+def doctor(as_json: AsJson = False) -> None:
+    """Examine this machine, and say what to do where something stands in juicer's way."""
+    from flows.command.doctor import examine_machine
+
+    examine_machine(as_json)
+
+
+@app.command()
+def ui(
+    prefect_port: Annotated[
+        int | None,
+        typer.Option(min=1, max=65535, help="Port of Prefect's pages; a free one if left out."),
+    ] = None,
+    mlflow_port: Annotated[
+        int | None,
+        typer.Option(min=1, max=65535, help="Port of MLflow's pages; a free one if left out."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Serve Prefect's and MLflow's pages on this machine until Ctrl-C."""
+    from flows.servers.ui import serve_pages
+
+    serve_pages(prefect_port, mlflow_port, as_json)
+
+
+@app.command()
+def server(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="prefect or mlflow.")],
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int | None, typer.Option(min=1, max=65535, help="Port; the usual one if left out.")] = None,
+) -> None:
+    """Run one of the two servers for a team, behind a guard and with a password; see docs/team.md."""
+    from flows.servers.team import serve_one
+
+    serve_one(name, host, port)
+
+
+@app.command()
+def serve() -> None:
+    """Offer the flows and every stage as Prefect deployments, and run what is asked for, until Ctrl-C."""
+    from flows.servers.serve import serve_flows
+
+    serve_flows()
+
+
+def main() -> None:
+    """Entry point: 0 on success, 1 after an error, 2 after a wrong call, 130 after Ctrl-C."""
+    # A shell that starts a command in the background has it ignore the interrupt; a service manager sends the other.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
+    output = tolerate_refusals()
+    status = call(sys.argv[1:])
+    sys.stdout.flush()
+    # A reader that has seen enough, as `head` has, is no failure.
+    if output.refusal is not None and output.refusal.errno != errno.EPIPE:
+        say_error(f"standard output takes no more ({output.refusal.strerror}); the command is done", "Output", False)
+        status = status or 1
+    sys.exit(status)
+
+
+def call(arguments: list[str]) -> int:
+    """Run a command; gives its exit status."""
+    bypass_proxies_on_loopback()
+    command = typer.main.get_command(app)
+    as_json = "--json" in arguments
+    try:
+        status = command.main(arguments, prog_name="juicer", standalone_mode=False)
+    except typer.TyperException as error:
+        say_error(error.format_message(), "UsageError", as_json)
+        return error.exit_code
+    except JuicerError as error:
+        say_error(str(error), type(error).__name__, as_json)
+        return FAILED
+    # Typer turns Ctrl-C into this status.
+    if status == INTERRUPTED:
+        say_error("interrupted; nothing is half-written, the same command continues the work", "Interrupted", as_json)
+    return status if isinstance(status, int) else 0
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,80 @@
+"""Commands that make something outside a flow: an evaluation, a repaired artifact."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from flows.running.context import open_run
+from flows.running.data_folder import open_store, prepare_folder
+from flows.running.device import check_device
+from flows.running.repair import repair
+from flows.running.settings import read_settings
+from flows.terminal.output import say, say_json
+from juicer.config import parse_config
+from juicer.errors import ConfigError, InvalidCheckpoint
+from juicer.tasks.registry import get_task
+
+if TYPE_CHECKING:
+    from juicer.artifacts.ref import ArtifactRef
+    from juicer.artifacts.store import ArtifactStore
+
+
+def evaluate_checkpoint(
+    text: str, task: str | None, episodes: int, seed_start: int, randomness: str, as_json: bool
+) -> None:
+    """``juicer evaluate``."""
+    from stages.evaluate import EvaluateConfig, evaluate
+
+    settings = read_settings()
+    check_device(settings)
+    prepare_folder(settings)
+    ref = open_store(settings).resolve(text, "checkpoint")
+    with open_run(settings, None) as run_context:
+        store = run_context.session.store
+        task = task or _only_task(store, ref)
+        content = {"task": task, "episodes": episodes, "first": seed_start, "randomness": randomness}
+        config = parse_config(content, EvaluateConfig, origin="evaluate")
+        session = replace(run_context.session, label=ref.id)
+        evaluation = evaluate(session, checkpoint=ref, config=config)
+    summary = store.manifest(evaluation).summary
+    if as_json:
+        say_json({"evaluation": str(evaluation), **summary})
+        return
+    low, high = summary["interval_low"], summary["interval_high"]
+    say(
+        f"{summary['success_rate']:.0%} of {summary['episodes']} episodes succeed "
+        f"(95 % interval {low:.0%} to {high:.0%}); {evaluation}"
+    )
+    for name in get_task(task).milestones:
+        say(f"  {name.replace('_', ' '):16} {summary['milestones'][name]}")
+
+
+def _only_task(store: ArtifactStore, checkpoint: ArtifactRef) -> str:
+    tasks = store.manifest(checkpoint).summary.get("tasks")
+    if not isinstance(tasks, list) or not tasks:
+        raise InvalidCheckpoint(f"{checkpoint} does not say what it was trained for; choose a task with --task")
+    if len(tasks) > 1:
+        raise ConfigError(f"{checkpoint} was trained for {', '.join(tasks)}; choose one with --task")
+    return str(tasks[0])
+
+
+def repair_artifact(text: str, files: Path | None, as_json: bool) -> None:
+    """``juicer repair``."""
+    settings = read_settings()
+    check_device(settings)
+    prepare_folder(settings)
+    ref = open_store(settings).resolve(text)
+    with open_run(settings, None) as run_context:
+        repaired = list(repair(run_context.session, ref, files))
+    if as_json:
+        aside = {str(each.ref): each.aside for each in repaired if each.aside}
+        say_json({"repaired": [str(each.ref) for each in repaired], "aside": aside})
+        return
+    for each in repaired:
+        say(f"recomputed {each.ref}" if each.recomputed else f"restored {each.ref} without computing anything")
+        if each.aside:
+            say(f"  what was there before is kept in {each.aside}; delete it when you need it no more")
+    if not repaired:
+        say(f"{ref} is whole; nothing to repair")

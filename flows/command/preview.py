@@ -1,0 +1,88 @@
+"""What a run would do: every stage call in order, reused or computed and why, and how long it may take."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from flows.config import RunConfig
+from flows.running.plan import PlannedCall, explainer, plan
+from juicer.artifacts.explain import Explanation
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+
+REPORT = "report"
+
+
+@dataclass(frozen=True)
+class PreviewedCall:
+    """A stage call that the run would make.
+
+    Attributes:
+        stage: Name of the stage.
+        label: Condition, seed and round that it is made for first.
+        ref: The artifact; none for a report whose evaluations are not made yet.
+        is_reused: Whether the artifact is in the store.
+        reason: Why it would be computed: the first root of the miss; empty if it is reused.
+        seconds: How long it took, or the most similar one if it is to be computed; none if there was none.
+        ends: Seconds after which it is done if nothing has to wait for a free worker; what is not known takes none.
+    """
+
+    stage: str
+    label: str
+    ref: ArtifactRef | None
+    is_reused: bool
+    reason: str
+    seconds: float | None
+    ends: float
+
+
+def preview(store: ArtifactStore, config: RunConfig) -> list[PreviewedCall]:
+    """Every call of a run; nothing is computed or written.
+
+    A selection that is not made yet is assumed to keep something, so retraining is among the calls.
+    """
+    planned = plan(store, config)
+    explaining = explainer(store, config, planned)
+    calls: list[PreviewedCall] = []
+    ends: dict[ArtifactRef, float] = {}
+    for entry in planned:
+        explanation = explaining.explain(entry.call.recipe)
+        seconds = _seconds(store, entry, explanation)
+        begins = max((ends[ref] for ref in entry.call.recipe.parents if ref in ends), default=0.0)
+        ends[entry.ref] = begins + (0.0 if entry.exists else seconds or 0.0)
+        reason = _reason(explanation)
+        calls.append(PreviewedCall(entry.stage, entry.label, entry.ref, entry.exists, reason, seconds, ends[entry.ref]))
+    if not any(call.stage == REPORT for call in calls):
+        calls.append(_report(store, max(ends.values(), default=0.0)))
+    return calls
+
+
+def total_seconds(calls: Sequence[PreviewedCall], workers: int) -> float:
+    """Least wall time of what is to be computed, as far as is known: by its longest chain, and by all of its work."""
+    work = sum(call.seconds or 0.0 for call in calls if not call.is_reused)
+    return max([work / workers, *(call.ends for call in calls)])
+
+
+def _seconds(store: ArtifactStore, entry: PlannedCall, explanation: Explanation) -> float | None:
+    if entry.exists:
+        return store.manifest(entry.ref).seconds
+    return explanation.nearest.seconds if explanation.nearest else None
+
+
+def _reason(explanation: Explanation) -> str:
+    if explanation.hit:
+        return ""
+    if explanation.nearest is None:
+        return "the stage has made nothing before"
+    if not explanation.causes:
+        return "what it was made from differs"
+    first, *rest = explanation.causes
+    return first.phrase + (f", and {len(rest)} more" if rest else "")
+
+
+def _report(store: ArtifactStore, begins: float) -> PreviewedCall:
+    """The last call, whose recipe holds what the evaluations will find."""
+    seconds = next((manifest.seconds for manifest in reversed(store.list(REPORT))), None)
+    reason = "it tells of evaluations that are not made yet"
+    return PreviewedCall(REPORT, "", None, False, reason, seconds, begins + (seconds or 0.0))

@@ -1,0 +1,174 @@
+"""``juicer replay``: a video of any episode in the store."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flows.running.context import open_run
+from flows.running.data_folder import open_store
+from flows.running.settings import read_settings
+from flows.terminal.output import say, say_json
+from juicer.errors import ConfigError, WrongArtifactKind
+from juicer.text import printable
+
+if TYPE_CHECKING:
+    from flows.command.evaluated import EvaluatedEpisode
+    from flows.terminal.progress import Board
+    from juicer.artifacts.ref import ArtifactRef
+    from juicer.artifacts.store import ArtifactStore
+    from juicer.episode import Episode
+    from juicer.imaging.video import Image, View
+
+BOTH = "both"
+STRIP_IMAGES = 6
+STRIP_SIZE = (320, 240)
+FRAMES_PER_SECOND = 20
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """An episode and what is known of it.
+
+    Attributes:
+        episode: The episode.
+        name: What it is in its artifact, for the title.
+        evaluated: What the evaluation says of it, if it is from one.
+    """
+
+    episode: Episode
+    name: str
+    evaluated: EvaluatedEpisode | None = None
+
+
+def replay_episode(
+    text: str, index: int, video: Path | None, camera: str, size: str, speed: float, as_json: bool
+) -> None:
+    """``juicer replay``."""
+    from juicer.imaging.video import draw, every, write_video
+
+    settings = read_settings()
+    store = open_store(settings)
+    view = _view(camera, size)
+    ref = store.resolve(text)
+    video = video or Path(f"{ref.id}-{index}.mp4")
+    _check_place(video)
+    stride, rate = _pace(speed)
+    with open_run(settings, None) as run_context:
+        chosen = _choose(store, ref, index, run_context.board, settings.device)
+        episode = chosen.episode
+        steps = every(episode, stride)
+        captioner = _captioner(chosen, view)
+        progress = run_context.board.started("replay", video.name)
+
+        def images() -> Iterator[Image]:
+            for done, image in enumerate(captioner.captioned(draw(episode, steps, view)), start=1):
+                progress(done, len(steps))
+                yield image
+
+        frames = write_video(video, images(), rate)
+        strip = _write_strip(episode, view, video)
+    _report(chosen, video, strip, len(steps) - frames, as_json)
+
+
+def _view(camera: str, size: str) -> View:
+    from juicer.imaging.video import CAMERAS, View
+
+    parts = re.fullmatch(r"([0-9]{1,5})x([0-9]{1,5})", size)
+    if parts is None:
+        raise ConfigError(f"size '{size}' must be the width and height of a camera's image, e.g. 480x360")
+    return View(CAMERAS if camera == BOTH else (camera,), int(parts[1]), int(parts[2]))
+
+
+def _check_place(video: Path) -> None:
+    """Refuse what cannot be written before anything is computed."""
+    from juicer.imaging.video import VIDEO_SUFFIXES
+
+    if video.suffix.lower() not in VIDEO_SUFFIXES:
+        raise ConfigError(f"video '{video}' must end in {', '.join(VIDEO_SUFFIXES[:-1])} or {VIDEO_SUFFIXES[-1]}")
+    try:
+        has_folder, is_folder = video.parent.is_dir(), video.is_dir()
+    except OSError as error:
+        raise ConfigError(f"video '{printable(video)}' cannot be written: {error.strerror}") from None
+    if not has_folder:
+        raise ConfigError(f"folder '{video.parent}' for the video does not exist")
+    if is_folder:
+        raise ConfigError(f"video '{video}' is a folder; name a file")
+
+
+def _choose(store: ArtifactStore, ref: ArtifactRef, index: int, board: Board, device: str) -> Chosen:
+    if ref.kind == "evaluation":
+        from flows.command.evaluated import evaluated_row, kept_episode, recomputed_episode
+
+        row = evaluated_row(store, ref, index)
+        found = kept_episode(store, ref, row)
+        if found is None:
+            board.say(f"computing episode {index} again, which {ref} has not kept")
+            found = recomputed_episode(store, ref, row, device)
+        return Chosen(found.episode, f"evaluation {ref.id[:8]} episode {index}", found)
+    if ref.kind != "episodes":
+        raise WrongArtifactKind(f"{ref} holds no episodes to replay; see `juicer ls episodes`")
+    from juicer.storage.episodes import EpisodeReader
+
+    reader = EpisodeReader(store.open(ref))
+    if not 0 <= index < len(reader):
+        raise ConfigError(f"{ref} has episodes 0 to {len(reader) - 1}, not {index}")
+    episode = reader.read(index)
+    return Chosen(episode, f"{episode.record.source.value} {ref.id[:8]} episode {index}")
+
+
+def _pace(speed: float) -> tuple[int, Fraction]:
+    """Steps from frame to frame, and frames a second, for a speed in multiples of real time."""
+    from juicer.sim.env import CONTROL_HZ
+
+    steps_a_second = Fraction(speed).limit_denominator(100) * CONTROL_HZ
+    stride = max(1, int(steps_a_second // FRAMES_PER_SECOND))
+    return stride, steps_a_second / stride
+
+
+def _captioner(chosen: Chosen, view: View) -> Any:
+    from juicer.imaging.captions import Captioner, describe, ending
+
+    record = chosen.episode.record
+    title = [*describe(record), chosen.name, f"initial state {record.seed}", ending(chosen.episode)]
+    if chosen.evaluated and chosen.evaluated.differences:
+        row = chosen.evaluated.row
+        title.append(f"the evaluation recorded {row.outcome.value} after {row.length} steps")
+    return Captioner(chosen.episode, view, title)
+
+
+def _write_strip(episode: Episode, view: View, video: Path) -> Path:
+    from juicer.imaging.captions import Captioner
+    from juicer.imaging.video import View, draw, evenly_spaced, write_strip
+
+    small = View(view.cameras[:1], *STRIP_SIZE)
+    strip = video.with_suffix(".png")
+    frames = draw(episode, evenly_spaced(episode, STRIP_IMAGES), small)
+    write_strip(strip, list(Captioner(episode, small).captioned(frames)))
+    return strip
+
+
+def _report(chosen: Chosen, video: Path, strip: Path, left_out: int, as_json: bool) -> None:
+    record, evaluated = chosen.episode.record, chosen.evaluated
+    if as_json:
+        facts: dict[str, Any] = {"outcome": record.outcome.value, "seed": record.seed, "steps": len(chosen.episode)}
+        if evaluated:
+            facts["recomputed"] = not evaluated.is_kept
+            facts["differences"] = list(evaluated.differences)
+        say_json({"video": str(video), "strip": str(strip), "left_out": left_out, **facts})
+        return
+    steps = f"{len(chosen.episode)} steps, {record.outcome.value}, initial state {record.seed}"
+    say(f"{video}: {steps}; images in {strip}")
+    if evaluated and not evaluated.is_kept:
+        verdict = "; ".join(evaluated.differences)
+        say(
+            f"computed again, but not as it was evaluated: {verdict}; the video shows what happened now"
+            if verdict
+            else "computed again; outcome, length and milestones are those of the evaluation"
+        )
+    if left_out:
+        say(f"frames left out: {left_out}, whose state is not finite or cannot be restored: the simulation diverged")

@@ -1,0 +1,229 @@
+"""Commands that run flows, or tell what they would do."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+import typer
+
+from flows.command.choice import Choice
+from flows.command.recordings import find_recordings, say_recordings
+from flows.running.data_folder import open_store
+from flows.running.device import check_device
+from flows.running.flow_runs import mark_crashed
+from flows.running.settings import Settings, read_settings
+from flows.servers.acquaintance import check_prefect
+from flows.servers.environment import API_VARIABLE, PASSWORD_VARIABLE, prepare_environment
+from flows.servers.temporary import TemporaryServer
+from flows.servers.watch import PATIENCE_SECONDS, ServerWatch, is_reachable
+from flows.terminal.headline import duration
+from flows.terminal.output import say, say_json, say_table
+from juicer.artifacts.ref import ArtifactRef
+from juicer.errors import ServiceUnavailable
+from stages.runtime.isolation import warm_up
+
+if TYPE_CHECKING:
+    from flows.config import RunConfig
+    from flows.running.execution import RunOutcome
+    from juicer.artifacts.store import ArtifactStore
+
+
+def run_flow(choice: Choice, as_json: bool) -> None:
+    """``juicer run``."""
+    settings = read_settings()
+    check_device(settings, computes_here=not settings.spread)
+    has_server = prepare_environment(settings)
+    if settings.spread and not has_server:
+        raise ServiceUnavailable(
+            f"stages elsewhere need a Prefect server that all machines reach; set {API_VARIABLE} or unset JUICER_SPREAD"
+        )
+    configs = choice.runs()
+    store = open_store(settings)
+    outcomes = []
+    watch = watch_server(settings) if has_server else None
+    for config in configs:
+        outcome = None if watch else _reuse_everything(settings, config)
+        if outcome is None:
+            watch = watch or start_server(settings)
+            outcome = _run_in_prefect(config, watch)
+        outcomes.append(outcome.to_json(store))
+        if not as_json:
+            _say_outcome(outcome, config, store)
+    if as_json:
+        # A file with several tasks is told by a list.
+        say_json(outcomes[0] if len(configs) == 1 else outcomes)
+    if watch:
+        watch.finish()
+
+
+def preview_flow(choice: Choice, as_json: bool) -> None:
+    """``juicer run --dry-run``; starts no server, computes nothing and writes nothing."""
+    settings = read_settings()
+    from flows.command.preview import preview, total_seconds
+
+    store = open_store(settings)
+    calls = [call for config in choice.runs() for call in preview(store, config)]
+    to_come = [call for call in calls if not call.is_reused]
+    seconds, unknown = total_seconds(calls, settings.workers), sum(call.seconds is None for call in to_come)
+    if as_json:
+        totals = {"reused": len(calls) - len(to_come), "computed": len(to_come), "seconds": seconds, "unknown": unknown}
+        say_json({"calls": [asdict(call) | {"ref": call.ref and str(call.ref)} for call in calls], **totals})
+        return
+    rows = [
+        [
+            call.stage,
+            call.label,
+            "reused" if call.is_reused else "computed",
+            "unknown" if call.seconds is None else duration(call.seconds),
+            call.reason,
+        ]
+        for call in calls
+    ]
+    say_table(["stage", "for", "", "took ", "why"], rows)
+    told = f"{len(calls) - len(to_come)} reused, {len(to_come)} to be computed"
+    if to_come:
+        told += f": about {duration(seconds)} or more, by how long the most similar ones took"
+    say(told + (f"; {unknown} of them never ran and are not counted" if unknown else ""))
+    if any(call.stage == "select" for call in to_come):
+        say("a selection that keeps nothing ends its round; here each is assumed to keep something")
+
+
+def _reuse_everything(settings: Settings, config: RunConfig) -> RunOutcome | None:
+    """Outcome of a run of which everything is in the store; starting a Prefect server would show nothing new."""
+    from flows.running.context import open_run
+    from flows.running.execution import execute
+    from flows.running.plan import is_complete
+
+    if not is_complete(open_store(settings), config):
+        return None
+    with open_run(settings, config) as run_context:
+        return execute(run_context.session, config, run_context.tracking)
+
+
+def start_server(settings: Settings) -> ServerWatch:
+    """Start a Prefect server for this run, and point Prefect to it."""
+    typer.echo("starting a Prefect server for this run ...", err=True)
+    server = TemporaryServer()
+    os.environ.update(server.variables)
+    warm_up()
+    server.wait(settings.startup_seconds)
+    _mark_crashed(settings)
+    return ServerWatch(lambda: not server.has_ended, patience_s=0.0)
+
+
+def watch_server(settings: Settings) -> ServerWatch:
+    """Look after the Prefect server that is running already.
+
+    Raises:
+        ServiceUnavailable: If it cannot be used.
+    """
+    url = os.environ[API_VARIABLE]
+    check_prefect(url)
+    _mark_crashed(settings)
+    return ServerWatch(lambda: is_reachable(url), PATIENCE_SECONDS)
+
+
+def _mark_crashed(settings: Settings) -> None:
+    mark_crashed(settings.folder, os.environ[API_VARIABLE], os.environ.get(PASSWORD_VARIABLE))
+
+
+def _run_in_prefect(config: RunConfig, watch: ServerWatch) -> RunOutcome:
+    from flows.collect_infer import collect_infer
+    from flows.config import StudyConfig
+    from flows.study import study
+
+    with watch.explaining():
+        return study(config) if isinstance(config, StudyConfig) else collect_infer(config)
+
+
+def run_stage(name: str, choice: Choice, force: bool, as_json: bool) -> None:
+    """``juicer stage``."""
+    settings = read_settings()
+    check_device(settings, computes_here=not settings.spread)
+    has_server = prepare_environment(settings)
+    from flows.running.plan import ready_calls
+    from stages.runtime.catalog import find_stage
+
+    find_stage(name)
+    configs = choice.runs()
+    # What is wrong is better said before a server starts.
+    for config in configs:
+        ready_calls(open_store(settings), config, name)
+    watch = watch_server(settings) if has_server else start_server(settings)
+    from flows.single_stage import single_stage
+
+    with watch.explaining():
+        refs = single_stage(name, configs, force=force)
+    if as_json:
+        say_json(refs)
+    else:
+        store = open_store(settings)
+        for ref in refs:
+            say(ref)
+            say_recordings(find_recordings(store, ArtifactRef.parse(ref)))
+    watch.finish()
+
+
+def explain_stage(name: str, choice: Choice, as_json: bool) -> None:
+    """``juicer explain``."""
+    settings = read_settings()
+    from flows.running.plan import calls_of, explainer, plan
+    from stages.runtime.catalog import find_stage
+
+    find_stage(name)
+    store = open_store(settings)
+    explained = []
+    for config in choice.runs():
+        planned = plan(store, config)
+        explaining = explainer(store, config, planned)
+        explained += [(entry, explaining.explain(entry.call.recipe)) for entry in calls_of(planned, name)]
+    if as_json:
+        say_json(
+            [
+                {
+                    "stage": name,
+                    "for": entry.label,
+                    "ref": str(found.ref),
+                    "hit": found.hit,
+                    "nearest": str(found.nearest.ref) if found.nearest else None,
+                    "differences": found.reasons,
+                }
+                for entry, found in explained
+            ]
+        )
+        return
+    for entry, found in explained:
+        first, *rest = found.sentences
+        say(f"{name} ({entry.label}): {first}")
+        for sentence in rest:
+            say(f"  {sentence}")
+
+
+def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore) -> None:
+    from stages.report import PAGE
+
+    rows = [
+        [
+            row.condition,
+            f"{row.average:.0%}",
+            f"{row.interval[0]:.0%} to {row.interval[1]:.0%}",
+            f"{row.best:.0%}",
+            str(row.num_models),
+            str(row.num_episodes),
+        ]
+        for row in outcome.results(store)
+    ]
+    title = f"{config.task}, {config.randomness.value} randomness: success rates"
+    say_table(["condition", "average ", "95 % interval ", "best ", "models ", "episodes "], rows, title)
+    for finding in outcome.findings:
+        say(finding)
+    if outcome.report:
+        folder = store.open(outcome.report)
+        say("")
+        say(f"report   {folder / PAGE}")
+        for video in sorted(folder.glob("*.mp4")):
+            say(f"video    {video}")
+        say("pages    juicer ui   (Prefect's and MLflow's, on this machine)")
+        say(f"lineage  juicer lineage {outcome.models[-1].evaluation.id}")

@@ -1,1 +1,0 @@
-"""What the commands of the command line do, grouped by what they need to import."""

@@ -1,0 +1,63 @@
+"""The body that both flows share: everything a configuration asks for, as Prefect tasks of the flow run around it."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+from prefect.artifacts import create_markdown_artifact, create_table_artifact
+from prefect.futures import PrefectFuture
+from prefect.runtime import flow_run
+from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
+
+from flows.config import RunConfig
+from flows.remote.dispatch import sender
+from flows.running.context import expect, open_run
+from flows.running.execution import RunOutcome, execute
+from flows.running.flow_runs import held
+from flows.running.plan import plan
+from flows.running.settings import read_settings
+from juicer.artifacts.store import ArtifactStore
+from stages.runtime.prefect_task import PrefectPerformer
+
+STAGES_ELSEWHERE = 256
+"""Stages that other machines work on at the same time; here, each is a thread that waits."""
+
+
+def task_runner() -> TaskRunner[PrefectFuture[Any]]:
+    """As many stages at a time as this machine's settings allow; each works in a process of its own."""
+    settings = read_settings()
+    runner: Any = ThreadPoolTaskRunner(max_workers=STAGES_ELSEWHERE if settings.spread else settings.workers)
+    return cast("TaskRunner[PrefectFuture[Any]]", runner)
+
+
+def run(config: RunConfig) -> RunOutcome:
+    """Run a configuration within a Prefect flow run."""
+    settings = read_settings()
+    with (
+        held(settings.folder, flow_run.get_id()),
+        open_run(settings, config, PrefectPerformer(), send=sender(settings)) as run_context,
+    ):
+        store = run_context.session.store
+        expect(run_context, plan(store, config))
+        outcome = execute(run_context.session, config, run_context.tracking)
+        _show(outcome, store)
+        return outcome
+
+
+def _show(outcome: RunOutcome, store: ArtifactStore) -> None:
+    """The comparison on the flow run's page."""
+    rows = [
+        {
+            "condition": row.condition,
+            "average": f"{row.average:.0%}",
+            "95 % interval": f"{row.interval[0]:.0%} to {row.interval[1]:.0%}",
+            "best": f"{row.best:.0%}",
+            "models": row.num_models,
+            "episodes": row.num_episodes,
+        }
+        for row in outcome.results(store)
+    ]
+    create_table_artifact(table=rows, key="comparison", description="Success rates")
+    if outcome.findings:
+        lines = "\n".join(f"- {finding}" for finding in outcome.findings)
+        create_markdown_artifact(markdown=lines, key="findings", description="Models that learned from too little")

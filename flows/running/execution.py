@@ -1,0 +1,188 @@
+"""Every model of a run, side by side, and what they come to together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextvars import copy_context
+from dataclasses import dataclass, replace
+from typing import Any
+from urllib.parse import urlsplit
+
+from flows.conditions import METHODS, Condition
+from flows.config import RunConfig
+from flows.loop import ModelOutcome, run_model
+from flows.running.settings import read_settings
+from flows.running.tracking import Tracking
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.evaluation import ConditionResult
+from juicer.reporting.comparison import ReportRow, condition_results
+from stages.report import ReportConfig, report
+from stages.runtime.context import Record
+from stages.runtime.session import Session
+from stages.tracking.journal import FAILED, FINISHED, KILLED
+
+POLL_SECONDS = 0.2
+
+
+@dataclass(frozen=True)
+class RunOutcome:
+    """What a run comes to.
+
+    Attributes:
+        models: One entry a condition and seed, in their order.
+        report: The page about them; none before it is written.
+    """
+
+    models: tuple[ModelOutcome, ...]
+    report: ArtifactRef | None
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Why some models learned from less than they should."""
+        return tuple(
+            f"{METHODS[model.condition].title}, seed {model.seed}: {model.finding}"
+            for model in self.models
+            if model.finding
+        )
+
+    def results(self, store: ArtifactStore) -> list[ConditionResult]:
+        """Rows of the comparison."""
+        return condition_results(store, *_rows(self.models))
+
+    def to_json(self, store: ArtifactStore) -> dict[str, Any]:
+        """For machines."""
+        return {
+            "models": [
+                {
+                    "condition": model.condition.value,
+                    "seed": model.seed,
+                    "checkpoint": str(model.checkpoint),
+                    "evaluation": str(model.evaluation),
+                    "finding": model.finding or None,
+                }
+                for model in self.models
+            ],
+            "table": [
+                {
+                    "condition": row.condition,
+                    "average": row.average,
+                    "interval": list(row.interval),
+                    "best": row.best,
+                    "models": row.num_models,
+                    "episodes": row.num_episodes,
+                }
+                for row in self.results(store)
+            ],
+            "findings": list(self.findings),
+            "report": str(self.report) if self.report else None,
+        }
+
+
+def execute(session: Session, config: RunConfig, tracking: Tracking | None) -> RunOutcome:
+    """Run every model, write the report, and close the records."""
+    status = KILLED
+    try:
+        models = run_models(session, config, tracking)
+        outcome = RunOutcome(tuple(models), None)
+        outcome = replace(outcome, report=write_report(session, config, outcome, tracking))
+        if tracking:
+            tracking.conclude(outcome.results(session.store))
+        status = FINISHED
+        return outcome
+    except Exception:
+        status = FAILED
+        raise
+    finally:
+        if tracking:
+            tracking.close(status)
+
+
+def run_models(
+    session: Session, config: RunConfig, tracking: Tracking | None = None, *, parallel: bool = True
+) -> list[ModelOutcome]:
+    """Outcomes of every condition and seed, seeds outermost.
+
+    In parallel, each model has a thread that does nothing but wait; how many stages really run at a time is the
+    task runner's business. If some fail, the others run to their ends before the first failure is raised.
+    """
+    chains: list[Callable[[], ModelOutcome]] = []
+    for condition, seed in config.models:
+        record: Record = tracking.model(condition, seed) if tracking else session.record
+        scope = session.for_model(f"{condition} seed {seed}", record)
+        chains.append(_chain(scope, config, condition, seed, tracking))
+    if not parallel:
+        return [chain() for chain in chains]
+    with ThreadPoolExecutor(len(chains), thread_name_prefix="model") as pool:
+        futures = [pool.submit(copy_context().run, chain) for chain in chains]
+        _wait(futures, session)
+    return [future.result() for future in futures]
+
+
+def _chain(
+    session: Session, config: RunConfig, condition: Condition, seed: int, tracking: Tracking | None
+) -> Callable[[], ModelOutcome]:
+    def chain() -> ModelOutcome:
+        outcome = run_model(session, config, condition, seed)
+        if tracking:
+            tracking.finish(condition, seed)
+        return outcome
+
+    return chain
+
+
+def _wait(futures: Sequence[Future[ModelOutcome]], session: Session) -> None:
+    """Wait for all, but hear an interrupt from the keyboard at once and pass it on to the stages."""
+    pending = set(futures)
+    try:
+        while pending:
+            _, pending = wait(pending, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
+    except BaseException:
+        session.stop.set()
+        raise
+
+
+def _rows(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tuple[ReportRow, ...]]:
+    return (
+        tuple(model.evaluation for model in models),
+        tuple(ReportRow(condition=METHODS[model.condition].title, seed=model.seed) for model in models),
+    )
+
+
+def write_report(session: Session, config: RunConfig, outcome: RunOutcome, tracking: Tracking | None) -> ArtifactRef:
+    """Make the page about the models."""
+    evaluations, rows = _rows(outcome.models)
+    report_config = ReportConfig(
+        title=config.name,
+        task=config.task,
+        rows=rows,
+        findings=outcome.findings,
+        facts=_facts(config),
+        configuration=config.model_dump(mode="json"),
+        links=_links(),
+    )
+    scope = session.for_model("", tracking.whole() if tracking else session.record)
+    return report(scope, evaluations=evaluations, config=report_config)
+
+
+def _facts(config: RunConfig) -> Mapping[str, str]:
+    return {
+        "Task": config.task,
+        "Randomness": config.randomness.value,
+        "The policies see": "poses of the robot and the parts, no images",
+        "Seeds": ", ".join(map(str, config.seeds)),
+        "Evaluation episodes a model": str(config.evaluate.episodes),
+    }
+
+
+def _links() -> Mapping[str, str]:
+    """MLflow's pages, if they have an address that outlasts this run; without the credentials that it may hold."""
+    try:
+        parts = urlsplit(read_settings().tracking_uri)
+    except ValueError:
+        return {}
+    if parts.scheme not in ("http", "https") or not parts.hostname:
+        return {}
+    place = parts.netloc.rpartition("@")[2]
+    return {"MLflow": f"{parts.scheme}://{place}{parts.path.rstrip('/')}/#/experiments"}

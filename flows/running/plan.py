@@ -1,0 +1,145 @@
+"""Run a flow in thought: which stages it would call, with which recipes, without executing any."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from flows.config import RunConfig
+from flows.running.execution import RunOutcome, run_models, write_report
+from juicer.artifacts.explain import Explainer
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.errors import ConfigError, did_you_mean
+from stages.runtime.session import Session
+from stages.runtime.stage import StageCall
+
+
+@dataclass(frozen=True)
+class PlannedCall:
+    """A stage call that the flow would make.
+
+    Attributes:
+        call: The call.
+        label: Condition, seed and round that it is made for first.
+        exists: Whether its artifact is in the store.
+    """
+
+    call: StageCall
+    label: str
+    exists: bool
+
+    @property
+    def stage(self) -> str:
+        """Name of the stage."""
+        return self.call.stage.name
+
+    @property
+    def ref(self) -> ArtifactRef:
+        """The artifact it makes."""
+        return self.call.recipe.ref
+
+    def perform(self, session: Session) -> ArtifactRef:
+        """Make the call after all."""
+        return session.for_model(self.label, session.record).perform(self.call)
+
+
+def plan(store: ArtifactStore, config: RunConfig) -> list[PlannedCall]:
+    """Every call of a run once, in an order in which they can be made.
+
+    The report, which depends on what the evaluations found, is among them only once these exist.
+    """
+    planned: dict[str, PlannedCall] = {}
+
+    def perform(call: StageCall, session: Session) -> ArtifactRef:
+        if call.recipe.id not in planned:
+            exists = store.find(call.recipe) is not None
+            planned[call.recipe.id] = PlannedCall(call, session.label, exists)
+        return call.recipe.ref
+
+    session = Session(store, performer=perform)
+    models = run_models(session, config, parallel=False)
+    if all(planned[model.evaluation.id].exists for model in models):
+        write_report(session, config, RunOutcome(tuple(models), None), None)
+    return list(planned.values())
+
+
+def is_complete(store: ArtifactStore, config: RunConfig) -> bool:
+    """Whether everything that a run makes is in the store."""
+
+    def perform(call: StageCall, session: Session) -> ArtifactRef:
+        if store.find(call.recipe) is None:
+            raise _MissingError
+        return call.recipe.ref
+
+    session = Session(store, performer=perform)
+    try:
+        models = run_models(session, config, parallel=False)
+        write_report(session, config, RunOutcome(tuple(models), None), None)
+    except _MissingError:
+        return False
+    return True
+
+
+def explainer(store: ArtifactStore, config: RunConfig, planned: Sequence[PlannedCall]) -> Explainer:
+    """Explains the calls of a plan in the words of its configuration."""
+    sections = {entry.ref: _section(config, entry.call.recipe) for entry in planned}
+    return Explainer(store, [entry.call.recipe for entry in planned], sections)
+
+
+def _section(config: RunConfig, recipe: Recipe) -> str:
+    """Where a configuration holds the settings of a stage call; of two sections that say the same, the first."""
+    if recipe.stage == "train":
+        for name, section in config.train:
+            if section is None or section.training.steps != recipe.config["training"]["steps"]:
+                continue
+            if section.policy.model_dump(mode="json") == recipe.config["policy"]:
+                return f"train.{name}"
+    retraining = config.augment_retraining
+    if recipe.stage == "augment" and retraining not in (None, config.augment):
+        return "augment" if config.augment.model_dump(mode="json") == recipe.config else "augment_retraining"
+    return recipe.stage
+
+
+class _MissingError(Exception):
+    """An artifact is not in the store."""
+
+
+def calls_of(planned: Iterable[PlannedCall], stage: str) -> list[PlannedCall]:
+    """Calls of one stage.
+
+    Raises:
+        ConfigError: If the run has no such stage.
+    """
+    planned = list(planned)
+    chosen = [entry for entry in planned if entry.stage == stage]
+    if not chosen and stage == "report":
+        raise ConfigError("the report needs evaluations that are not in the store; run `juicer run` first")
+    if not chosen:
+        known = {entry.stage for entry in planned}
+        raise ConfigError(f"this configuration has no stage '{stage}'{did_you_mean(stage, known)}")
+    return chosen
+
+
+def ready_calls(store: ArtifactStore, config: RunConfig, stage: str) -> list[PlannedCall]:
+    """Calls of one stage, all of whose inputs are in the store.
+
+    Raises:
+        ConfigError: If the run has no such stage, or an input is not there yet.
+    """
+    planned = plan(store, config)
+    chosen = calls_of(planned, stage)
+    for entry in chosen:
+        if missing := missing_inputs(entry, planned):
+            raise ConfigError(
+                f"stage '{stage}' ({entry.label}) needs what {', '.join(missing)} makes, and the store lacks it; "
+                f"run `juicer run`, or `juicer stage {missing[0]}` first"
+            )
+    return chosen
+
+
+def missing_inputs(entry: PlannedCall, planned: Iterable[PlannedCall]) -> list[str]:
+    """Names of the stages whose artifacts a call needs and the store lacks."""
+    made_by = {other.ref: other.stage for other in planned if not other.exists}
+    return sorted({made_by[ref] for ref in entry.call.recipe.parents if ref in made_by})

@@ -1,0 +1,1 @@
+"""Critical states: proposed, labelled by people, annotated."""

@@ -1,0 +1,1 @@
+"""Demonstrations by whatever operator: logs, recording, ingestion."""

@@ -1,0 +1,1 @@
+"""The scripted operator, who stands in for a person."""

@@ -1,0 +1,1 @@
+"""Images of a scene, and what is made of them."""

@@ -1,0 +1,70 @@
+"""The comparison of conditions, read from evaluations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.config import StrictConfig
+from juicer.episode import Outcome
+from juicer.errors import ArtifactError, ConfigError
+from juicer.evaluation import ConditionResult, ModelResult, PairedComparison, compare, summarise
+from juicer.storage.tables import read_evaluation
+
+
+class ReportRow(StrictConfig):
+    """Whose evaluation the one at the same place is."""
+
+    condition: str
+    seed: int
+
+    @property
+    def label(self) -> str:
+        """E.g. ``TA+CI, seed 0``."""
+        return f"{self.condition}, seed {self.seed}"
+
+
+def condition_results(
+    store: ArtifactStore, evaluations: Sequence[ArtifactRef], rows: Sequence[ReportRow]
+) -> list[ConditionResult]:
+    """Rows of the comparison, in the order in which the conditions first occur.
+
+    Raises:
+        ArtifactError: If an evaluation is missing, damaged or without an episode.
+    """
+    models: dict[str, list[ModelResult]] = {}
+    for ref, row in zip(evaluations, rows, strict=True):
+        table = read_evaluation(store.open(ref, "evaluation"))
+        if not table:
+            raise ArtifactError(f"{ref} holds no episode, so it says nothing about {row.label}; evaluate it again")
+        result = ModelResult(
+            seed=row.seed,
+            initial_states=tuple(entry.seed for entry in table),
+            successes=tuple(entry.outcome is Outcome.SUCCESS for entry in table),
+        )
+        models.setdefault(row.condition, []).append(result)
+    return [summarise(condition, results) for condition, results in models.items()]
+
+
+def comparisons(results: Sequence[ConditionResult]) -> Iterator[PairedComparison]:
+    """Each condition against the first."""
+    for result in results[1:]:
+        try:
+            yield compare(results[0], result)
+        except ConfigError:
+            continue  # other seeds or other initial states: there is nothing to pair
+
+
+def markdown_table(results: Sequence[ConditionResult]) -> str:
+    """Comparison in the form of the paper's Table VI, as Markdown."""
+    lines = [
+        "| condition | average | 95 % interval | best | models | episodes |",
+        "|---|---:|---:|---:|---:|---:|",
+    ]
+    lines += [
+        f"| {row.condition} | {row.average:.0%} | {row.interval[0]:.0%} to {row.interval[1]:.0%} "
+        f"| {row.best:.0%} | {row.num_models} | {row.num_episodes} |"
+        for row in results
+    ]
+    return "\n".join(lines) + "\n"

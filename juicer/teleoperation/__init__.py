@@ -1,1 +1,0 @@
-"""Demonstrations at their source: operator logs, and a scripted operator that stands in for a human."""

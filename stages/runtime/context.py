@@ -1,0 +1,93 @@
+"""What a stage body works with, and who listens to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from juicer.artifacts.draft import Draft
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progress
+
+
+class StageInterrupted(BaseException):
+    """The user asked for an end while a stage was at work. Not an error: nothing is retried or reported."""
+
+
+@dataclass(frozen=True)
+class StageContext:
+    """What a stage body works with.
+
+    Attributes:
+        store: To open the inputs.
+        draft: To fill.
+        progress: To report to, often: an interrupt takes effect at the next report.
+        metrics: Where numbers that form curves go.
+        workers: Threads or processes that may be kept busy; must not shape the result.
+        num_envs: Simulated environments to step side by side; must not shape the result.
+        device: Torch device that policies are trained on and act on.
+    """
+
+    store: ArtifactStore
+    draft: Draft
+    progress: Progress
+    metrics: MetricSink
+    workers: int = 1
+    num_envs: int = 8
+    device: str = "cpu"
+
+
+class Display(Protocol):
+    """Shows people which stages run and how far they are."""
+
+    def started(self, stage: str, label: str) -> Progress:
+        """A stage begins; whoever gets the listener reports its advance to it."""
+        ...
+
+    def finished(self, stage: str, label: str, state: str, summary: Mapping[str, Any]) -> None:
+        """A stage is over: ``done``, ``reused``, ``failed`` or ``stopped``."""
+        ...
+
+
+class Record(Protocol):
+    """Keeps what an experiment consists of, for people to look at later; nothing is ever read back from it."""
+
+    def metrics(self, stage: str) -> MetricSink:
+        """Where the curves of a stage go while it runs."""
+        ...
+
+    def made(self, ref: ArtifactRef, stage: str) -> None:
+        """An artifact of the experiment is there, made now or before."""
+        ...
+
+    def for_round(self, turn: int) -> Record:
+        """The record of one turn of collect, select, train."""
+        ...
+
+
+class SilentDisplay:
+    """Display that shows nothing."""
+
+    def started(self, stage: str, label: str) -> Progress:
+        """Nobody looks."""
+        return silent_progress
+
+    def finished(self, stage: str, label: str, state: str, summary: Mapping[str, Any]) -> None:
+        """Nobody looks."""
+
+
+class NoRecord:
+    """Record that keeps nothing."""
+
+    def metrics(self, stage: str) -> MetricSink:
+        """Drop the curves."""
+        return NullMetricSink()
+
+    def made(self, ref: ArtifactRef, stage: str) -> None:
+        """Forget the artifact."""
+
+    def for_round(self, turn: int) -> NoRecord:
+        """Nothing is kept of any turn."""
+        return self

@@ -1,0 +1,67 @@
+"""What the stages of one flow run share: the store, who listens to them, and how much of the machine they may use."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from stages.runtime.context import Display, NoRecord, Record, SilentDisplay
+from stages.runtime.stage import StageCall
+
+ROUND = " round "
+
+
+@dataclass(frozen=True)
+class Session:
+    """Surroundings of a stage call; none of it shapes a result.
+
+    Attributes:
+        store: Where artifacts come from and go to.
+        performer: Runs a prepared call: at once, as a Prefect task, or only in thought.
+        display: Shows progress.
+        record: Keeps the experiment's history.
+        workers: Threads or processes a stage may keep busy.
+        num_envs: Simulated environments a rollout steps side by side.
+        device: Torch device that policies are trained on and act on.
+        isolate: Whether each stage body gets a process of its own.
+        send: Has an artifact made on another machine that shares the store; none if all are made here.
+        label: Which condition, seed and round the calls are for.
+        forced: Names of stages that are recomputed even if their artifact is in the store.
+        stop: Set when the user asked for an end.
+        fresh: Ids made since the session began; they satisfy ``forced``.
+    """
+
+    store: ArtifactStore
+    performer: Performer
+    display: Display = field(default_factory=SilentDisplay)
+    record: Record = field(default_factory=NoRecord)
+    workers: int = 1
+    num_envs: int = 8
+    device: str = "cpu"
+    isolate: bool = False
+    send: Sender | None = None
+    label: str = ""
+    forced: frozenset[str] = frozenset()
+    stop: threading.Event = field(default_factory=threading.Event)
+    fresh: set[str] = field(default_factory=set)
+
+    def perform(self, call: StageCall) -> ArtifactRef:
+        """Have a stage call made."""
+        return self.performer(call, self)
+
+    def for_model(self, label: str, record: Record) -> Self:
+        """The same session for one condition and seed."""
+        return replace(self, label=label, record=record)
+
+    def for_round(self, turn: int) -> Self:
+        """The same session for one turn of collect, select, train."""
+        label = f"{self.label.partition(ROUND)[0]}{ROUND}{turn}"
+        return replace(self, label=label, record=self.record.for_round(turn))
+
+
+Performer = Callable[[StageCall, Session], ArtifactRef]
+Sender = Callable[[StageCall, Session], None]

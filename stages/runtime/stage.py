@@ -1,0 +1,159 @@
+"""The ``@stage`` decorator: a function from artifacts to one artifact becomes a content-addressed Prefect task.
+
+A stage body takes a :class:`StageContext` and keyword arguments, and fills ``context.draft``. It does not look
+things up, cache, retry, name paths or talk to MLflow; that is done here, once for all stages. Its arguments are
+
+* :class:`~juicer.artifacts.ref.ArtifactRef`, or tuples of them: the inputs, by role;
+* one :class:`~juicer.config.StrictConfig` named ``config``;
+* :class:`pathlib.Path`, or tuples of them: files from outside the store, identified by their content.
+
+All of them, the code behind the body and the versions of the libraries it names make the recipe, whose hash is the
+id of the artifact. If the store has that id, the body does not run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Concatenate, Generic, ParamSpec, Protocol, get_origin, get_type_hints
+
+from juicer.artifacts.code_version import code_version, library_versions, module_versions
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
+from juicer.config import StrictConfig
+from juicer.errors import WrongArtifactKind
+from stages.runtime.context import StageContext
+from stages.runtime.given_files import describe_files
+
+P = ParamSpec("P")
+CONFIG = "config"
+
+
+class StageCall:
+    """A stage with its arguments and the recipe they make. Not a dataclass, so that Prefect does not search it."""
+
+    def __init__(self, stage: Stage[Any], arguments: Mapping[str, Any], recipe: Recipe) -> None:
+        """Bring the three together; use :meth:`Stage.prepare`."""
+        self.stage = stage
+        self.arguments = arguments
+        self.recipe = recipe
+
+
+class Caller(Protocol):
+    """Has stage calls made."""
+
+    def perform(self, call: StageCall) -> ArtifactRef:
+        """Make the artifact of a call, or find it in the store."""
+        ...
+
+
+class Stage(Generic[P]):
+    """A stage: call it with who has it made and its inputs to get the reference of its artifact."""
+
+    def __init__(
+        self,
+        body: Callable[Concatenate[StageContext, P], None],
+        kind: str,
+        inputs: Mapping[str, str],
+        libraries: tuple[str, ...],
+    ) -> None:
+        """Wrap a body; see :func:`stage`."""
+        self.name = body.__name__
+        self.kind = kind
+        self.body = body
+        self.description = (body.__doc__ or "").strip().partition("\n")[0]
+        self._inputs = dict(inputs)
+        self._libraries = libraries
+
+    def __call__(self, caller: Caller, *args: P.args, **kwargs: P.kwargs) -> ArtifactRef:
+        """Make the artifact, or find it in the store.
+
+        Raises:
+            WrongArtifactKind: If an input is of another kind than the stage reads.
+            ConfigError: If a file from outside the store cannot be read.
+        """
+        return caller.perform(self.prepare(*args, **kwargs))
+
+    def prepare(self, *args: P.args, **kwargs: P.kwargs) -> StageCall:
+        """Everything about a call except its execution.
+
+        Raises:
+            WrongArtifactKind: If an input is of another kind than the stage reads.
+            ConfigError: If a file from outside the store cannot be read.
+        """
+        if args:
+            raise TypeError(f"stage '{self.name}' takes its inputs by keyword")
+        return StageCall(self, dict(kwargs), self._recipe(kwargs))
+
+    @cached_property
+    def config_model(self) -> type[StrictConfig]:
+        """Class of the body's ``config``."""
+        model: type[StrictConfig] = get_type_hints(self.body)[CONFIG]
+        return model
+
+    def takes_many(self, role: str) -> bool:
+        """Whether a role of the body's arguments is a tuple."""
+        return get_origin(get_type_hints(self.body)[role]) is tuple
+
+    def _recipe(self, arguments: Mapping[str, Any]) -> Recipe:
+        inputs: dict[str, tuple[ArtifactRef, ...]] = {}
+        for role, value in arguments.items():
+            items = value if isinstance(value, tuple) else (value,)
+            if role == CONFIG or value is None or not items:
+                continue
+            if all(isinstance(item, ArtifactRef) for item in items):
+                self._check_kinds(role, items)
+                inputs[role] = items
+            elif not all(isinstance(item, Path) for item in items):
+                raise TypeError(f"stage '{self.name}': '{role}' must be artifacts or paths, got {value!r}")
+        module = self.body.__module__
+        return Recipe(
+            stage=self.name,
+            kind=self.kind,
+            inputs=inputs,
+            config=arguments[CONFIG].model_dump(mode="json"),
+            code=code_version(module),
+            files=self.describe_files(arguments),
+            libraries=library_versions(self._libraries),
+            modules=module_versions(module),
+        )
+
+    def describe_files(self, arguments: Mapping[str, Any]) -> dict[str, str]:
+        """Contents of the files among the arguments, as a recipe names them.
+
+        Raises:
+            ConfigError: If one cannot be read.
+        """
+        described: dict[str, str] = {}
+        for role, value in arguments.items():
+            items = value if isinstance(value, tuple) else (value,)
+            if items and all(isinstance(item, Path) for item in items):
+                described |= describe_files(role, items, one_of_many=isinstance(value, tuple))
+        return described
+
+    def _check_kinds(self, role: str, refs: tuple[ArtifactRef, ...]) -> None:
+        expected = self._inputs[role]
+        for ref in refs:
+            if ref.kind != expected:
+                raise WrongArtifactKind(
+                    f"{ref} is of kind '{ref.kind}' but stage '{self.name}' needs '{expected}' for its {role}; "
+                    f"see `juicer ls {expected}`"
+                )
+
+
+def stage(
+    *, kind: str, inputs: Mapping[str, str] | None = None, libraries: tuple[str, ...] = ()
+) -> Callable[[Callable[Concatenate[StageContext, P], None]], Stage[P]]:
+    """Turn a function from artifacts to one artifact into a stage.
+
+    Args:
+        kind: Kind of the artifact that the body makes.
+        inputs: Kind that each of its inputs must be of, by role.
+        libraries: Distributions whose version shapes the result.
+    """
+
+    def decorate(body: Callable[Concatenate[StageContext, P], None]) -> Stage[P]:
+        return Stage(body, kind, inputs or {}, libraries)
+
+    return decorate

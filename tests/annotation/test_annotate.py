@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from juicer.annotation.annotate import annotate
+from juicer.annotation.labels import Label
+from juicer.annotation.propose import AnnotationConfig, propose
+from juicer.episode import STATE_KEY, Episode, Outcome
+from juicer.errors import InvalidLabels
+from juicer.geometry import quat_to_matrix, relative_pose
+from juicer.sim.env import AssemblyEnv
+from juicer.storage.tables import Annotation
+
+CONFIG = AnnotationConfig()
+
+
+class Reader:
+    def __init__(self, episodes: Sequence[Episode]) -> None:
+        self.episodes = episodes
+
+    def __len__(self) -> int:
+        return len(self.episodes)
+
+    def read(self, index: int) -> Episode:
+        return self.episodes[index]
+
+
+@pytest.fixture(scope="module")
+def env() -> AssemblyEnv:
+    return AssemblyEnv("one_leg")
+
+
+def held(env: AssemblyEnv, state: np.ndarray) -> set[str]:
+    env.set_state(state)
+    return {name for pair in env.contact_pairs() if "gripper" in pair for name in pair}
+
+
+def test_the_critical_state_lies_just_before_the_leg_enters_its_hole(env: AssemblyEnv, insertions: list[Episode]):
+    for demonstration in insertions:
+        (proposal,) = propose(env, demonstration, CONFIG)
+        assert proposal.critical_state == 0
+        assert proposal.confidence > 0.9
+        poses = demonstration.steps["part_poses"][proposal.step].astype(np.float64).reshape(-1, 7)
+        offset = relative_pose(poses[0], poses[4])[:3] - env.task.pairs[0].targets[0][:3]
+        # The tip of the peg enters the hole 25 mm above the leg's assembled height.
+        assert 0.030 < offset[1] < 0.038
+        assert np.hypot(offset[0], offset[2]) < 0.003
+        assert quat_to_matrix(poses[4, 3:])[2, 1] > 0.99
+        assert "square_table_leg4" in held(env, demonstration.steps[STATE_KEY][proposal.step])
+
+
+def test_a_leg_that_never_comes_near_its_hole_has_no_critical_state(env: AssemblyEnv, insertions: list[Episode]):
+    demonstration = insertions[0]
+    cut = Episode(
+        demonstration.record,
+        {name: values[:5] for name, values in demonstration.steps.items()},
+        {name: demonstration.steps[name][5] for name in demonstration.final},
+    )
+    assert propose(env, cut, CONFIG) == []
+
+
+def test_annotations_do_not_depend_on_the_number_of_workers(insertions: list[Episode]):
+    demonstrations = Reader([*insertions, *insertions])
+    alone = list(annotate(demonstrations, CONFIG, num_workers=1))
+    assert alone == list(annotate(demonstrations, CONFIG, num_workers=3))
+    assert [row.episode for row in alone] == [0, 1, 2, 3]
+    assert {row.author for row in alone} == {"proposed"}
+
+
+def test_nothing_is_proposed_for_a_failure(insertions: list[Episode]):
+    failed = replace(insertions[0], record=replace(insertions[0].record, outcome=Outcome.TIMEOUT))
+    assert [row.episode for row in annotate(Reader([failed, insertions[1]]), CONFIG)] == [1]
+
+
+def test_a_human_label_replaces_the_proposal(insertions: list[Episode]):
+    rows = list(annotate(Reader(insertions), CONFIG, [Label(1, 7, 0, "labels.csv, line 2")]))
+    assert rows[1] == Annotation(episode=1, step=7, critical_state=0, author="human", confidence=1.0)
+    assert rows[0].author == "proposed"
+
+
+@pytest.mark.parametrize(
+    ("label", "message"),
+    [
+        (Label(2, 7, 0, "here"), "here: there is no episode 2; episodes are numbered 0 to 1"),
+        (Label(0, 400, 0, "here"), "here: episode 0 has no step 400; it has 41 steps"),
+        (Label(0, 7, 1, "here"), "here: there is no critical state 1; the task has 1"),
+    ],
+)
+def test_a_label_for_what_is_not_there_is_refused(insertions: list[Episode], label: Label, message: str):
+    with pytest.raises(InvalidLabels) as refusal:
+        list(annotate(Reader(insertions), CONFIG, [label]))
+    assert message in str(refusal.value)
+
+
+def test_no_demonstrations_have_no_annotations():
+    assert list(annotate(Reader([]), CONFIG)) == []

@@ -1,0 +1,77 @@
+"""``juicer config`` shows all of a configuration, where each value comes from, and can be run again from its output."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from flows.command.choice import Choice
+from flows.command.cli import call
+from flows.conditions import Condition
+from flows.config import load_runs
+
+
+def printed(capsys, *arguments):
+    assert call(["config", *arguments]) == 0
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["demo"],
+        ["smoke", "--set", "record.seed=3", "--set", "train.diffusion.policy.head={kind: diffusion}"],
+        ["paper", "--condition", "bc", "--condition", "ta"],
+        ["study_one_leg", "--seed", "1", "--condition", "replay"],
+        ["table_vi"],
+        ["table_vi", "--task", "lamp", "--condition", "ta_ci", "--seed", "0"],
+        ["table_vi", "--set", "tasks.lamp.state_noise={kind: original}"],
+        ["laptop", "--seed", "4", "--condition", "ci"],
+        ["demo", "--set", "name=true-", "--set", "logs='/tmp/a b: c#'", "--set", "labels=~/x.csv"],
+    ],
+)
+def test_output_is_the_same_configuration(capsys, tmp_path, arguments):
+    path = tmp_path / "again.yaml"
+    path.write_text(printed(capsys, *arguments))
+    chosen = {name: [] for name in ("--set", "--task", "--condition", "--seed")}
+    for name, value in zip(arguments[1::2], arguments[2::2], strict=True):
+        chosen[name].append(int(value) if name == "--seed" else value)
+    expected = Choice.of(arguments[0], *chosen.values()).runs()
+    # Other tasks concern a model for several of them, and none is asked for.
+    alone = [run if Condition.MULTITASK in run.conditions else run.model_copy(update={"mix": {}}) for run in expected]
+    assert list(load_runs(path)) == alone
+    again = printed(capsys, str(path))
+    strip = [line.partition("  # ")[0].rstrip() for line in path.read_text().splitlines()]
+    assert [line.partition("  # ")[0].rstrip() for line in again.splitlines()] == strip
+
+
+def test_a_model_for_several_tasks_keeps_them_all(capsys, tmp_path):
+    output = printed(capsys, "table_vi", "--task", "lamp", "--condition", "multitask")
+    assert "# Its model for several tasks needs all of them: run it with --task lamp" in output
+    path = tmp_path / "again.yaml"
+    path.write_text(output)
+    assert (
+        Choice.of(str(path), None, ["lamp"], None, None).runs()
+        == Choice.of("table_vi", None, ["lamp"], ["multitask"], None).runs()
+    )
+
+
+def test_values_say_where_they_come_from(capsys):
+    lines = {
+        line.partition(":")[0].strip(): line.partition("  # ")[2].strip()
+        for line in printed(capsys, "demo", "--set", "rounds=2", "--seed", "0").splitlines()
+    }
+    assert lines["name"] == "<- demo.yaml:4"
+    assert lines["conditions"] == "<- demo.yaml:5"
+    assert lines["seeds"] == "<- --seed"
+    assert lines["rounds"] == "<- --set"
+    assert lines["randomness"] == "default"
+    assert lines["spacing"] == "<- presets/laptop.yaml:15"
+
+
+def test_for_machines_it_is_json(capsys):
+    content = json.loads(printed(capsys, "demo", "--json"))
+    assert content["configuration"]["train"]["diffusion"]["training"]["steps"] == 8000
+    assert content["from"]["train.diffusion.training.steps"] == "presets/laptop.yaml:17"
+    assert content["from"]["rounds"] == "default"

@@ -1,0 +1,136 @@
+"""What a run would do is told before it starts, with the setting at the root of every computation."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from flows.command.cli import call
+from flows.command.preview import preview, total_seconds
+from flows.config import load_runs
+from flows.running.plan import explainer, plan
+from juicer.artifacts.store import ArtifactStore
+
+DEMO = Path(__file__).parents[3] / "configs" / "demo.yaml"
+
+
+def config_with(*overrides):
+    (config,) = load_runs(DEMO, overrides)
+    return config
+
+
+def planned_with(store, *overrides):
+    return plan(store, config_with(*overrides))
+
+
+def make_all(store, planned):
+    """Everything that was planned, without its content."""
+    for entry in planned:
+        with store.create(entry.call.recipe):
+            pass
+
+
+@pytest.fixture
+def store(tmp_path):
+    """The artifacts of the demonstration's study, as if it had run."""
+    store = ArtifactStore(tmp_path / "data")
+    make_all(store, planned_with(store))
+    make_all(store, [entry for entry in planned_with(store) if not entry.exists])
+    return store
+
+
+def explained(store, stage, *overrides):
+    config = config_with(*overrides)
+    planned = plan(store, config)
+    explaining = explainer(store, config, planned)
+    return {entry.label: explaining.explain(entry.call.recipe) for entry in planned if entry.stage == stage}
+
+
+def refs(store, stage):
+    return {entry.label: entry.ref for entry in planned_with(store) if entry.stage == stage}
+
+
+def test_like_is_compared_with_like_down_to_the_changed_key(store):
+    found = explained(store, "evaluate", "record.demonstrations=40")
+    assert {label: each.nearest.ref for label, each in found.items()} == refs(store, "evaluate")
+    bc, ta_ci = found.values()
+    changed = "config key 'record.demonstrations' is 40, it was 50"
+    assert bc.reasons == [f"{changed}, so ingest, train and evaluate are computed again"]
+    (reason,) = ta_ci.reasons
+    assert reason.startswith(f"{changed}, so ingest, ")
+    assert {"annotate", "augment", "train", "collect", "select", "evaluate"} <= set(reason.replace(",", "").split())
+
+
+def test_training_before_and_after_a_round_are_told_apart(store):
+    found = explained(store, "train", "train.diffusion.training.steps=9000")
+    assert {label: each.nearest.ref for label, each in found.items()} == refs(store, "train")
+    assert {each.reasons[0] for each in found.values()} == {
+        "config key 'train.diffusion.training.steps' is 9000, it was 8000"
+    }
+
+
+def test_corrective_episodes_of_retraining_are_told_from_those_of_training(store):
+    (before, after) = ("augment_retraining={num_snippets: 150}", "augment_retraining={num_snippets: 250}")
+    make_all(store, [entry for entry in planned_with(store, before) if not entry.exists])
+    (found,) = [each for each in explained(store, "augment", after).values() if not each.hit]
+    assert found.reasons == ["config key 'augment_retraining.num_snippets' is 250, it was 150"]
+
+
+def test_several_changes_are_each_named_once(store):
+    (found,) = explained(store, "collect", "augment.num_snippets=100", "ingest.min_steps=30").values()
+    assert found.reasons == [
+        "config key 'ingest.min_steps' is 30, it was 50, so annotate, augment, train and collect are computed again",
+        "config key 'augment.num_snippets' is 100, it was 192, so train and collect are computed again",
+    ]
+
+
+def test_changed_code_is_told_by_module(store):
+    planned = planned_with(store)
+    (evaluate, *_) = [entry.call.recipe for entry in planned if entry.stage == "evaluate"]
+    changed = replace(evaluate, code="new", modules={**evaluate.modules, "juicer.evaluation": "new"})
+    explanation = explainer(store, config_with(), planned).explain(changed)
+    assert explanation.reasons == ["code of 'juicer.evaluation' changed"]
+    assert explanation.nearest.ref == evaluate.ref
+
+
+def test_a_dry_run_tells_what_is_reused_and_why_the_rest_is_not(store):
+    (config,) = load_runs(DEMO, ["augment.num_snippets=100"])
+    calls = {(each.stage, each.label): each for each in preview(store, config)}
+    assert calls["train", "bc seed 0"].is_reused
+    assert calls["augment", "ta_ci seed 0"].reason == "config key 'augment.num_snippets' is 100, it was 192"
+    assert calls["evaluate", "ta_ci seed 0 round 1"].reason == calls["augment", "ta_ci seed 0"].reason
+    assert calls["train", "ta_ci seed 0"].seconds is not None
+    assert calls["report", ""].ref is None
+
+
+def test_a_dry_run_of_everything_there_has_nothing_to_compute(store):
+    (config,) = load_runs(DEMO)
+    calls = preview(store, config)
+    assert all(each.is_reused and not each.reason for each in calls)
+    assert calls[-1].stage == "report"
+    assert total_seconds(calls, workers=2) == 0
+
+
+def test_an_estimate_is_no_shorter_than_the_longest_chain_or_than_all_work_together(store):
+    (config,) = load_runs(DEMO, ["record.demonstrations=40"])
+    calls = [replace(each, seconds=10.0, ends=0.0) for each in preview(store, config)]
+    assert total_seconds(calls, workers=2) == 5.0 * len(calls)
+    assert total_seconds([replace(calls[0], ends=90.0), *calls[1:]], workers=2) == 90.0
+
+
+def test_the_command_starts_nothing_and_writes_nothing(tmp_path, monkeypatch, capfd):
+    monkeypatch.setenv("JUICER_DATA", str(tmp_path / "data"))
+    before = sorted(tmp_path.rglob("*"))
+    assert call(["run", str(DEMO), "--dry-run"]) == 0
+    assert call(["run", str(DEMO), "--dry-run", "--json"]) == 0
+    out, err = capfd.readouterr()
+    assert sorted(tmp_path.rglob("*")) == before
+    assert err == ""
+    table, _, content = out.partition("\n{")
+    assert "0 reused, 12 to be computed" in table
+    found = json.loads("{" + content)
+    assert (found["reused"], found["computed"], found["unknown"]) == (0, 12, 12)
+    assert [each["stage"] for each in found["calls"]][:3] == ["record", "ingest", "train"]

@@ -1,0 +1,110 @@
+"""A plan knows every id before anything runs, and that conditions share what they have in common."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from flows.conditions import Condition
+from flows.config import CollectInferConfig, StudyConfig, load_runs
+from flows.running.plan import calls_of, is_complete, missing_inputs, plan
+from juicer.artifacts.store import ArtifactStore
+from juicer.errors import ConfigError
+
+
+@pytest.fixture
+def store(tmp_path):
+    return ArtifactStore(tmp_path)
+
+
+def by_label(planned, stage):
+    return {entry.label: entry.ref for entry in planned if entry.stage == stage}
+
+
+def test_conditions_share_all_that_they_have_in_common(store):
+    planned = plan(store, StudyConfig(seeds=(0, 1)))
+    counts = Counter(entry.stage for entry in planned)
+    assert (counts["record"], counts["ingest"], counts["annotate"], counts["augment"]) == (1, 1, 1, 1)
+    # Two of the seven conditions begin as BC and as TA, and train once more; replay has no seeds.
+    assert (counts["train"], counts["collect"], counts["select"]) == (14, 4, 4)
+    assert (counts["memorise"], counts["evaluate"]) == (1, 15)
+
+
+def test_collecting_begins_with_the_model_of_the_plain_condition(store):
+    planned = plan(store, StudyConfig(conditions=(Condition.TA, Condition.TA_CI), seeds=(0,)))
+    trained = by_label(planned, "train")
+    (collected,) = calls_of(planned, "collect")
+    assert collected.call.recipe.parents == (trained["ta seed 0"],)
+    assert set(trained) == {"ta seed 0", "ta_ci seed 0 round 1"}
+
+
+def test_retraining_is_training_with_more_references(store):
+    planned = plan(store, CollectInferConfig(condition=Condition.CI, rounds=2))
+    first, second, third = calls_of(planned, "train")
+    assert first.call.recipe.inputs.keys() == {"episodes"}
+    assert [len(call.call.recipe.inputs["selections"]) for call in (second, third)] == [1, 2]
+    assert second.call.recipe.config == first.call.recipe.config
+
+
+def test_augmentation_of_retraining_can_differ(store):
+    config = CollectInferConfig(augment={"num_snippets": 50}, augment_retraining={"num_snippets": 150})
+    planned = plan(store, config)
+    assert [entry.call.recipe.config["num_snippets"] for entry in calls_of(planned, "augment")] == [50, 150]
+
+
+def test_plan_is_the_same_whatever_the_machine_does_beside(store):
+    config = StudyConfig(conditions=(Condition.BC,), seeds=(0,))
+    assert [entry.ref for entry in plan(store, config)] == [entry.ref for entry in plan(store, config)]
+    assert store.refs() == []
+    assert not is_complete(store, config)
+
+
+def test_missing_inputs_are_named_by_the_stage_that_makes_them(store):
+    planned = plan(store, CollectInferConfig(condition=Condition.TA))
+    (training,) = calls_of(planned, "train")
+    assert missing_inputs(training, planned) == ["augment", "ingest"]
+
+
+def test_stage_that_a_run_does_not_have_is_named(store):
+    planned = plan(store, CollectInferConfig(condition=Condition.BC))
+    with pytest.raises(ConfigError, match="this configuration has no stage 'collect'"):
+        calls_of(planned, "collect")
+
+
+def test_logs_of_a_human_take_the_place_of_the_scripted_operator(store, tmp_path):
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    with pytest.raises(ConfigError, match="holds no operator log"):
+        plan(store, CollectInferConfig(logs=folder))
+    (folder / "a.npz").write_bytes(b"log")
+    planned = plan(store, CollectInferConfig(logs=folder, condition=Condition.BC))
+    assert [entry.stage for entry in planned] == ["ingest", "train", "evaluate"]
+    assert list(planned[0].call.recipe.files) == ["files/a.npz"]
+
+
+@pytest.fixture
+def mixed(tmp_path):
+    """A study of one_leg and one of lamp, each with a model for both."""
+    path = tmp_path / "tasks.yaml"
+    lamp = "{train: {diffusion: {training: {steps: 16000}}}}"
+    path.write_text(
+        f"flow: study\nconditions: [ta_ci, multitask]\nseeds: [0]\ntasks: {{one_leg: {{}}, lamp: {lamp}}}\n"
+    )
+    return load_runs(path)
+
+
+def test_a_model_for_several_tasks_learns_what_each_tasks_own_model_learns(store, mixed):
+    plans = [plan(store, config) for config in mixed]
+    shared = {by_label(planned, "train")["multitask seed 0"] for planned in plans}
+    assert len(shared) == 1
+    calls = [{entry.label: entry.call for entry in calls_of(planned, "train")} for planned in plans]
+    own = [call["ta_ci seed 0 round 1"].recipe.inputs for call in calls]
+    both = calls[0]["multitask seed 0"].recipe.inputs
+    for role in ("episodes", "selections"):
+        assert both[role] == own[0][role] + own[1][role]
+
+
+def test_a_model_for_several_tasks_is_evaluated_on_each(store, mixed):
+    evaluated = [by_label(plan(store, config), "evaluate")["multitask seed 0"] for config in mixed]
+    assert len(set(evaluated)) == 2

@@ -1,0 +1,53 @@
+"""Facts about the machine come from the environment, and a misspelt variable is not ignored."""
+
+from __future__ import annotations
+
+import pytest
+
+from flows.running.settings import read_settings
+from juicer.errors import ConfigError
+
+
+def test_defaults_stay_in_the_data_folder(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    settings = read_settings()
+    assert settings.store_url == str(tmp_path / "data")
+    assert settings.tracks
+
+
+def test_store_and_tracking_can_be_elsewhere(monkeypatch):
+    monkeypatch.setenv("JUICER_STORE", "s3://bucket/juicer")
+    monkeypatch.setenv("JUICER_TRACKING_URI", "none")
+    assert read_settings().store_url == "s3://bucket/juicer"
+    assert not read_settings().tracks
+
+
+@pytest.mark.parametrize("device", ["cpu", "cuda", "cuda:1"])
+def test_device_may_be_a_gpu(monkeypatch, device):
+    monkeypatch.setenv("JUICER_DEVICE", device)
+    assert read_settings().device == device
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("JUICER_STOER", "x", r"JUICER_STOER is not known; did you mean 'JUICER_STORE'\?"),
+        ("JUICER_WORKERS", "many", r"JUICER_WORKERS: .*got 'many'"),
+        ("JUICER_WORKERS", "0", r"JUICER_WORKERS: must be at least 1, got '0'"),
+        ("JUICER_WORKERS", "1e9", r"JUICER_WORKERS: must be a whole number, got '1e9'"),
+        ("JUICER_WORKERS", "9" * 5000, r"JUICER_WORKERS: must be .*, got"),
+        ("JUICER_NUM_ENVS", "1000000000", r"JUICER_NUM_ENVS: must be at most 4096"),
+        ("JUICER_SPREAD", "perhaps", r"JUICER_SPREAD: must be true or false, got 'perhaps'"),
+        ("JUICER_DATA", "a\x1b[2Jb", r"JUICER_DATA: must be .* without control characters, got 'a\\+x1b\[2Jb'"),
+        ("JUICER_STORE", "x" * 5000, r"JUICER_STORE: must be at most 4096 letters"),
+        ("JUICER_W\x1bORKERS", "1", r"JUICER_W\\x1bORKERS is not known; did you mean 'JUICER_WORKERS'"),
+        ("JUICER_DEVICE", "gpu", r"JUICER_DEVICE: .*cpu\|cuda.*got 'gpu'"),
+        ("JUICER_DATA", "~nobody-here/data", r"JUICER_DATA: there is no user ~nobody-here"),
+        ("JUICER_STORE", "~nobody-here", r"JUICER_STORE: there is no user ~nobody-here"),
+        ("JUICER_DEVICE", "cuda:first", r"JUICER_DEVICE: .*got 'cuda:first'"),
+    ],
+)
+def test_mistake_names_the_variable(monkeypatch, name, value, message):
+    monkeypatch.setenv(name, value)
+    with pytest.raises(ConfigError, match=message):
+        read_settings()

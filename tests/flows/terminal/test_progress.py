@@ -1,0 +1,86 @@
+"""What people see of a run."""
+
+from __future__ import annotations
+
+import io
+import time
+
+import pytest
+from rich.console import Console
+
+from flows.terminal import progress as board_module
+from flows.terminal.headline import headline
+from flows.terminal.progress import Board
+
+
+@pytest.fixture
+def output():
+    return io.StringIO()
+
+
+@pytest.fixture
+def board(output):
+    return Board(Console(file=output, width=160), workers=2)
+
+
+def test_plain_lines_tell_beginning_advance_time_left_and_end(board, output, monkeypatch):
+    monkeypatch.setattr(board_module, "PLAIN_SECONDS", 0.0)
+    with board:
+        board.expect([("train", "bc seed 0"), ("evaluate", "bc seed 0")], {"evaluate": 60.0})
+        progress = board.started("train", "bc seed 0")
+        time.sleep(0.01)
+        progress(50, 200, loss=0.25)
+        board.finished("train", "bc seed 0", "done", {"steps": 200, "train/loss": 0.125})
+        board.finished("evaluate", "bc seed 0", "reused", {})
+    lines = output.getvalue().splitlines()
+    assert "train     bc seed 0" in lines[0]
+    assert "begins" in lines[0]
+    assert "50/200  25%" in lines[1]
+    assert "left  loss 0.25" in lines[1]
+    assert "2 to go, about 0:30 left" in lines[1]
+    assert "✓ train" in lines[2]
+    assert "steps 200, loss 0.125" in lines[2]
+    assert "reused" in lines[3]
+
+
+def test_estimate_admits_what_it_does_not_know(board):
+    board.expect([("train", "a"), ("evaluate", "a")], {"train": 100.0})
+    assert board.seconds_left() == (50.0, False)
+    board.finished("evaluate", "a", "reused", {})
+    assert board.seconds_left() == (50.0, True)
+
+
+def test_own_estimate_of_a_stage_is_believed(board):
+    board.started("train", "a")(1, 1000, seconds_left=30)
+    assert board.seconds_left()[0] == 30.0
+
+
+def test_live_lines_leave_only_the_finished_ones(output):
+    with Board(Console(file=output, width=120, force_terminal=True)) as board:
+        board.started("collect", "ta_ci seed 0 round 1")(3, 10, successes=2)
+        time.sleep(0.3)
+        board.finished("collect", "ta_ci seed 0 round 1", "failed", {"reason": "no space"})
+    assert "3/10" in output.getvalue()
+    assert "no space" in output.getvalue()
+
+
+def test_headline_of_an_evaluation_is_its_rate_with_interval():
+    summary = {"success_rate": 0.5, "episodes": 100, "interval_low": 0.4, "interval_high": 0.6}
+    assert headline(summary) == "success 50% of 100 episodes (40% to 60%)"
+    assert headline({"snippets": 96, "yield": 0.5, "other": "x"}) == "yield 0.5, snippets 96"
+
+
+def test_rejected_logs_are_listed_when_they_are_rejected_and_not_again(board, output):
+    rejections = {f"{number:02}.npz": "the operator marked it as failed" for number in range(25)}
+    for state in ("done", "reused"):
+        board.started("ingest", "")
+        board.finished("ingest", "", state, {"episodes": 1, "rejected": 130, "rejections": rejections})
+    lines = [line.strip() for line in output.getvalue().splitlines() if "npz" in line or "more" in line]
+    assert lines[0] == "00.npz: the operator marked it as failed"
+    assert lines[20:] == ["and 110 more; see `juicer show`"]
+
+
+def test_an_augmentation_that_counts_its_rejections_lists_none(board, output):
+    board.started("augment", "")
+    board.finished("augment", "", "done", {"snippets": 192, "rejections": {"part_position": 24}})
+    assert "part_position" not in output.getvalue()

@@ -1,0 +1,64 @@
+"""Captions say what is shown, fit into the image, and come through whatever they hold."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from juicer.episode import Outcome, Source
+from juicer.imaging.captions import GAP, Captioner, describe, ending
+from juicer.imaging.video import Frame, View
+
+BOTH = View(width=320, height=240)
+MILESTONES = {"top_placed": 3, "leg_lifted": 7}
+
+
+def frame_of(view, step):
+    image = np.full((view.height, view.width, 3), 90, np.uint8)
+    return Frame(step, (image,) * len(view.cameras))
+
+
+def test_an_episode_is_described_by_what_its_record_holds(episode_factory):
+    snippet = episode_factory(12, source=Source.AUGMENTATION, parent="abc/3", critical_state=1, outcome=Outcome.TIMEOUT)
+    assert describe(snippet.record) == ["one_leg", "grown from abc/3", "returns to critical state 1"]
+    rollout = episode_factory(12, source=Source.ROLLOUT, policy="0123456789abcdef")
+    assert describe(rollout.record) == ["one_leg", "policy 01234567"]
+    assert ending(snippet) == "timeout after 12 steps"
+
+
+@pytest.mark.parametrize("view", [BOTH, View(("wrist",), 161, 121), View(width=1280, height=720)])
+def test_captioned_images_are_even_and_hold_the_cameras_images_unchanged(episode_factory, view):
+    episode = episode_factory(12, milestones=MILESTONES)
+    image = Captioner(episode, view, ["one_leg", "initial state 3"]).caption(frame_of(view, 5))
+    height, width, _ = image.shape
+    assert height % 2 == width % 2 == 0
+    assert width - (len(view.cameras) * (view.width + GAP) - GAP) in (0, 1)
+    assert np.all(image[height - view.height : height - 1, view.width // 2] == 90)
+
+
+def test_every_step_milestone_and_the_outcome_change_the_caption(episode_factory):
+    captioner = Captioner(episode_factory(12, milestones=MILESTONES), BOTH)
+    shown = [captioner.caption(frame_of(BOTH, step)) for step in range(13)]
+    text_ends = len(shown[0]) - BOTH.height
+    captions = {image[:text_ends].tobytes() for image in shown}
+    assert len(captions) == 13
+    without = Captioner(episode_factory(12), BOTH).caption(frame_of(BOTH, 7))
+    assert not np.array_equal(without[:text_ends], shown[7][:text_ends])
+    failed = Captioner(episode_factory(12, milestones=MILESTONES, outcome=Outcome.TIMEOUT), BOTH)
+    assert not np.array_equal(failed.caption(frame_of(BOTH, 12)), shown[12])
+    assert np.array_equal(failed.caption(frame_of(BOTH, 11)), shown[11])
+
+
+@pytest.mark.parametrize("text", ["\x1b[2J\n", "w" * 10_000, "\ud800 \u202e", "日本語", ""])
+def test_no_text_breaks_a_caption(episode_factory, text):
+    episode = episode_factory(12, milestones={text: 2, "leg_lifted": 3}, device=text)
+    view = View(("front",), 160, 120)
+    image = Captioner(episode, view, [text, *describe(episode.record)]).caption(frame_of(view, 12))
+    assert image.shape[1] == 160
+    assert len(image) < 400
+
+
+def test_a_title_too_long_for_a_line_takes_several(episode_factory):
+    short = Captioner(episode_factory(12), BOTH, ["one"]).caption(frame_of(BOTH, 0))
+    long = Captioner(episode_factory(12), BOTH, [f"item number {n}" for n in range(20)]).caption(frame_of(BOTH, 0))
+    assert len(long) > len(short)

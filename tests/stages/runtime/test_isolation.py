@@ -1,0 +1,72 @@
+"""A stage body in a process of its own: same results, and no way to take the rest down with it."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from juicer.errors import ForeignCode, StageDied
+from stages.runtime.context import StageInterrupted
+from stages.runtime.execution import execute
+
+
+@pytest.fixture
+def isolated(session):
+    return replace(session, isolate=True)
+
+
+def test_isolated_body_gives_the_same_artifact_from_another_process(toys, isolated, session, store, diary):
+    ref = toys.write(replace(isolated, display=diary, record=diary), config=toys.ToyConfig(words=2))
+    assert store.manifest(ref).summary["process"] != os.getpid()
+    assert diary.progress == [(2, 2, {"mood": "good"})]
+    assert diary.curves == [(1, {"length": 10.0})]
+    assert toys.write(session, config=toys.ToyConfig(words=2)) == ref
+
+
+def test_error_that_cannot_be_pickled_still_tells_what_happened(toys, isolated):
+    with pytest.raises(RuntimeError, match=r"(?s)ValueError\('odd'\).*In the process of stage 'crash'"):
+        toys.crash(isolated, config=toys.ToyConfig())
+
+
+def test_process_that_is_killed_is_named(toys, isolated, store):
+    with pytest.raises(StageDied, match=r"stage 'die' was ended by SIGKILL; the machine may have run out of memory"):
+        toys.die(isolated, config=toys.ToyConfig())
+    assert store.refs() == []
+
+
+def test_other_code_than_the_recipe_names_makes_nothing(toys, isolated, store):
+    call = toys.write.prepare(config=toys.ToyConfig())
+    call.recipe.modules["toys.simple"] = "of another checkout"
+    with pytest.raises(ForeignCode, match=r"stage 'write' would run other code .*\(toys.simple in '.*toys' differs\)"):
+        execute(call, isolated)
+    assert store.refs() == []
+
+
+def test_interrupt_ends_the_process_at_once(toys, isolated, store):
+    stopped = []
+
+    def stop_once_it_lives():
+        while not any(file.read_text() for file in Path(store.url).rglob("pid")):
+            time.sleep(0.05)
+        stopped.append(time.monotonic())
+        isolated.stop.set()
+
+    threading.Thread(target=stop_once_it_lives, daemon=True).start()
+    with pytest.raises(StageInterrupted):
+        toys.dawdle(isolated, config=toys.ToyConfig())
+    assert time.monotonic() - stopped[0] < 20
+    (pid_file,) = Path(store.url).rglob("pid")
+    assert not _lives(int(pid_file.read_text()))
+
+
+def _lives(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return Path(f"/proc/{pid}/status").read_text().find("State:\tZ") == -1
