@@ -12,8 +12,8 @@ from juicer.episode import Episode, Outcome
 from juicer.progress import Progress
 from juicer.seed_ranges import Purpose
 from juicer.storage.episodes import write_episodes
+from stages.rollouts import RolloutConfig, RolloutSection, roll_out
 from stages.runtime.context import StageContext
-from stages.runtime.rollouts import RolloutConfig, RolloutSection, roll_out
 from stages.runtime.stage import stage
 
 

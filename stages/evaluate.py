@@ -14,8 +14,8 @@ from juicer.seed_ranges import Purpose
 from juicer.storage.episodes import write_episodes
 from juicer.storage.tables import EXAMPLES, EvaluationRow, write_evaluation
 from juicer.tasks.registry import get_task
+from stages.rollouts import RolloutConfig, RolloutSection, roll_out
 from stages.runtime.context import StageContext
-from stages.runtime.rollouts import RolloutConfig, RolloutSection, roll_out
 from stages.runtime.stage import stage
 
 EXAMPLES_KEPT = 3

@@ -74,10 +74,10 @@ class PartOverHole:
         turn = rotvec_to_matrix(np.array([0.0, 0.0, yaw_rad]))
         poses[self.pair.second, 3:] = matrix_to_quat(turn @ quat_to_matrix(poses[self.pair.second, 3:]))
         poses[self.pair.second, 2] += height_m
-        self.hand_yaw = self._flat_yaw()
+        self.end_effector_yaw = self._flat_yaw()
         joints = RESET_JOINTS_RAD.copy()
         held = poses[self.pair.second, :3] + np.array([0, 0, self.grasp.height_m])
-        goal = self.action(held, self.hand_yaw, grip=1.0)
+        goal = self.action(held, self.end_effector_yaw, grip=1.0)
         for _ in range(60):
             joints = env._controller.joint_targets(goal, joints)
         data.qpos[:NUM_ARM_JOINTS] = data.ctrl[:NUM_ARM_JOINTS] = joints
@@ -113,9 +113,9 @@ class PartOverHole:
 
     def settle(self) -> None:
         """A step in which nothing is done, so that pairs that are assembled count as such."""
-        self.env.step(self.action(self.hand(), self.hand_yaw, grip=1.0))
+        self.env.step(self.action(self.end_effector(), self.end_effector_yaw, grip=1.0))
 
-    def hand(self) -> np.ndarray:
+    def end_effector(self) -> np.ndarray:
         """End-effector position."""
         return self.env.observation()["proprioception"][:3].astype(float)
 
@@ -138,14 +138,14 @@ class PartOverHole:
     def lower(self, steps: int, lead_m: float = 0.008) -> None:
         """Lower the held leg vertically, pressing with a bounded lead."""
         for _ in range(steps):
-            below = np.array([*self.hole[:2], self.hand()[2] - lead_m])
-            self.env.step(self.action(below, self.hand_yaw, grip=1.0))
+            below = np.array([*self.hole[:2], self.end_effector()[2] - lead_m])
+            self.env.step(self.action(below, self.end_effector_yaw, grip=1.0))
 
     def release(self) -> None:
         """Open the gripper where it is."""
-        here = self.hand()
+        here = self.end_effector()
         for _ in range(6):
-            self.env.step(self.action(here, self.hand_yaw, grip=-1.0))
+            self.env.step(self.action(here, self.end_effector_yaw, grip=-1.0))
 
     def turn(self, turn_rad: float, steps: int = 12) -> None:
         """Grasp the standing part, turn it by ``turn_rad`` (clockwise is negative) and let go."""
@@ -157,8 +157,8 @@ class PartOverHole:
         above = np.array([*self.hole[:2], height])
         clear = above + np.array([0, 0, self.grasp.clear_m])
         for _ in range(round(self.grasp.clear_m / 0.01)):
-            self.env.step(self.action(clear, self.hand_yaw, grip=-1.0))
-        for yaw in np.linspace(self.hand_yaw, start, 12):
+            self.env.step(self.action(clear, self.end_effector_yaw, grip=-1.0))
+        for yaw in np.linspace(self.end_effector_yaw, start, 12):
             self.env.step(self.action(clear, yaw, grip=-1.0))
         for _ in range(round(self.grasp.clear_m / 0.004)):
             self.env.step(self.action(above, start, grip=-1.0))
@@ -166,8 +166,8 @@ class PartOverHole:
             self.env.step(self.action(above, start, grip))
         for yaw in np.linspace(start, start + turn_rad, steps):
             drive = -0.005 if turn_rad < 0 else 0.003
-            self.env.step(self.action(np.array([*self.hole[:2], self.hand()[2] + drive]), yaw, grip=1.0))
-        self.hand_yaw = start + turn_rad
+            self.env.step(self.action(np.array([*self.hole[:2], self.end_effector()[2] + drive]), yaw, grip=1.0))
+        self.end_effector_yaw = start + turn_rad
         self.release()
 
 

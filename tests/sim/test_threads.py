@@ -17,7 +17,7 @@ def pushed_down(scene, grip, steps):
     before = scene.env._info()["parts_assembled"]
     for _ in range(steps):
         below = np.array([*scene.hole[:2], scene.end_effector()[2] - 0.5])
-        *_, info = scene.env.step(scene.action(below, scene.hand_yaw, grip))
+        *_, info = scene.env.step(scene.action(below, scene.end_effector_yaw, grip))
     return info["parts_assembled"] - before
 
 
@@ -39,7 +39,7 @@ def test_pressing_with_the_palm_does_not_assemble_it(part_over_hole, task, pair,
 
 def test_a_held_leg_touches_the_gripper_and_nothing_else(leg_over_hole):
     scene = leg_over_hole(0.0, height_m=0.05)
-    scene.env.step(scene.action(scene.end_effector(), scene.hand_yaw, grip=1.0))
+    scene.env.step(scene.action(scene.end_effector(), scene.end_effector_yaw, grip=1.0))
     touching = {pair for pair in scene.env.contact_pairs() if "square_table_leg4" in pair}
     assert touching == {("gripper", "square_table_leg4")}
 
@@ -85,7 +85,7 @@ def test_an_assembled_part_stays_when_the_table_is_nudged(part_over_hole, task, 
     for velocity in (0.15, -0.15):
         scene.nudge(velocity)
         for _ in range(10):
-            scene.env.step(scene.action(scene.hole + np.array([0, 0, 0.25]), scene.hand_yaw, grip=-1.0))
+            scene.env.step(scene.action(scene.hole + np.array([0, 0, 0.25]), scene.end_effector_yaw, grip=-1.0))
     height, yaw, tilt = scene.part()
     assert abs(height) < 0.004
     assert abs(yaw) < np.deg2rad(18)
@@ -99,7 +99,7 @@ def test_a_state_in_mid_screw_continues_exactly(leg_over_hole):
     scene.turn(np.deg2rad(-60))
     start, rng = scene.env.get_state(), np.random.default_rng(0)
     actions = [
-        scene.action(scene.end_effector() + rng.normal(0, 0.004, 3), scene.hand_yaw + 0.02 * step, grip=1.0)
+        scene.action(scene.end_effector() + rng.normal(0, 0.004, 3), scene.end_effector_yaw + 0.02 * step, grip=1.0)
         for step in range(50)
     ]
 
