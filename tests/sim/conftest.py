@@ -31,7 +31,7 @@ class Grasp:
         half_width_m: Half the part's width there.
         flat_rad: Yaw at which the fingers lie flat on it.
         flat_every_rad: Turn after which they do again.
-        clear_m: How far the open hand goes up to turn back past it.
+        clear_m: How far the open gripper goes up to turn back past it.
     """
 
     height_m: float
