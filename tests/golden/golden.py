@@ -18,20 +18,20 @@ from typing import Any
 
 import numpy as np
 
-from juicer.annotation import annotate
-from juicer.augmentation.augment import Rejection, Snippet, augment
+from juicer.annotation.annotate import annotate
+from juicer.annotation.propose import AnnotationConfig
+from juicer.augmentation.augment import FailedAttempt, Snippet, augment
 from juicer.augmentation.config import AugmentationConfig
-from juicer.critical_states import AnnotationConfig
+from juicer.demonstration.ingestion import Ingestion, IngestionConfig
+from juicer.demonstration.log import OperatorLog
+from juicer.demonstration.recording import recordings
 from juicer.episode import Episode
-from juicer.ingestion import Ingestion, IngestionConfig
 from juicer.policy.config import DiffusionConfig, HorizonConfig, MLPConfig, MLPDenoiserConfig, PolicyConfig, UNetConfig
 from juicer.policy.replay import ReplayPolicy
 from juicer.rollout import Policy, rollout
 from juicer.seed_ranges import Purpose, claim
 from juicer.storage.tables import Annotation
 from juicer.tasks.registry import TASK_NAMES, get_task
-from juicer.teleoperation.log import OperatorLog
-from juicer.teleoperation.record import recordings
 from juicer.training.config import PhysicalStateNoise, TrainingConfig, WindowConfig
 from juicer.training.trainer import TrainedCheckpoint, train
 from juicer.training.windows import TrainingEpisodes
@@ -157,7 +157,7 @@ def demonstrations(task: str, seeds: Iterable[int]) -> Demonstrations:
 
 def attempts(
     episodes: Demonstrations, annotations: Sequence[Annotation], num_snippets: int
-) -> list[Snippet | Rejection]:
+) -> list[Snippet | FailedAttempt]:
     """Snippets and refusals in their order, until there are as many snippets as wanted."""
     config = AugmentationConfig(num_snippets=num_snippets)
     return list(augment(episodes, annotations, config, artifact="golden", seed=0, num_workers=1))
@@ -177,9 +177,9 @@ def describe_snippets(task: str) -> list[Any]:
     ]
 
 
-def describe_attempt(attempt: Snippet | Rejection) -> Any:
+def describe_attempt(attempt: Snippet | FailedAttempt) -> Any:
     """Every action and every simulator state of a snippet, or why there is none."""
-    if isinstance(attempt, Rejection):
+    if isinstance(attempt, FailedAttempt):
         return f"{attempt.departure}: {attempt.reason}"
     steps = attempt.episode.steps
     return {
