@@ -165,11 +165,6 @@ def test_what_the_image_copies_exists_and_is_sent_to_docker():
             assert f"!{source.split('/')[0]}" in allowed, source
 
 
-def test_image_has_the_torch_that_the_set_up_installs():
-    (version,) = re.findall(r"^TORCH_VERSION=(\S+)", (ROOT / "scripts" / "setup.sh").read_text(), re.M)
-    assert f"torch=={version}" in DOCKERFILE.read_text()
-
-
 def test_prefect_reads_the_variables_that_are_set(services: dict[str, Any]):
     from prefect import settings
 
