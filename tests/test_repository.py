@@ -142,3 +142,16 @@ def test_a_version_without_notes_is_not_released():
     done = notes_of("99.0.0")
     assert done.returncode != 0
     assert "CHANGELOG.md has no section" in done.stderr
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs" / "results").glob("*.md")), ids=lambda page: page.name)
+def test_results_are_listed_and_their_links_lead_somewhere(page: Path):
+    assert page.name == "README.md" or f"]({page.name})" in (page.parent / "README.md").read_text()
+    for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text()):
+        assert (page.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
+def test_pages_for_users_name_no_commits(page: Path):
+    words = re.findall(r"\b[0-9a-f]{7}\b", page.read_text())
+    assert not [word for word in words if re.search("[a-f]", word) and re.search("[0-9]", word)]
