@@ -46,10 +46,13 @@ progress=on
 [ -t 1 ] || progress=off
 
 # torch comes first and alone, because it is large: its download is shown. An environment that has it keeps its build.
-echo "juicer set-up: installing torch"
-"${pip[@]}" install --progress-bar="$progress" --constraint constraints.txt \
-    ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} torch ||
-    fail "torch cannot be installed; see 'Which build of torch' in README.md."
+torch=$(grep '^torch==' constraints.txt)
+if [[ $("${pip[@]}" freeze) != *"$torch"* ]]; then
+    echo "juicer set-up: installing $torch"
+    "${pip[@]}" install --progress-bar="$progress" --constraint constraints.txt \
+        ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} torch ||
+        fail "$torch cannot be installed; see 'Which build of torch' in README.md."
+fi
 echo "juicer set-up: installing juicer and what it needs (some minutes, about 2 GB)"
 "${pip[@]}" install --quiet --constraint constraints.txt --editable ".[dev]" ||
     fail "the dependencies cannot be installed; pip's message is above."

@@ -199,7 +199,8 @@ def test_database_addresses_name_drivers_that_the_image_installs(services: dict[
 
 
 @pytest.mark.parametrize(
-    "script", ["docker/create-databases.sh", "scripts/setup.sh", "scripts/ensure_gl.sh", ".ci/run"]
+    "script",
+    ["docker/create-databases.sh", ".ci/run", *(f"scripts/{path.name}" for path in (ROOT / "scripts").glob("*.sh"))],
 )
 def test_shell_scripts_parse_and_may_be_executed(script: str):
     subprocess.run(["bash", "-n", script], cwd=ROOT, check=True)

@@ -78,7 +78,7 @@ def test_set_up_and_image_install_the_tested_versions(name: str):
     installs = [line for line in text.splitlines() if re.search(r"(pip|\[@\]}\") install ", line)]
     assert len(installs) == 2
     assert all("--constraint constraints.txt" in line for line in installs)
-    assert not re.search(r"torch[=<>~]=", text), "torch's version stands in constraints.txt"
+    assert not re.search(r"torch[=<>~]=\d", text), "torch's version stands in constraints.txt"
 
 
 @pytest.mark.parametrize(
