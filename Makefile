@@ -49,8 +49,9 @@ $(INSTALLED): pyproject.toml constraints.txt scripts/setup.sh
 	@touch $@
 
 lock: setup ## Install the newest versions that pyproject.toml allows, and write them to constraints.txt
-	$(RUN)/pip install --quiet --upgrade --upgrade-strategy eager --editable '.[dev,s3,postgres]'
-	VENV=$(VENV) scripts/write_constraints.sh
+	$(RUN)/pip install --quiet --upgrade --upgrade-strategy eager \
+		$(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) --editable '.[dev,s3,postgres]'
+	scripts/write_constraints.sh
 
 # Without OpenGL everything but images works, so its absence is told and stops nothing.
 gl: $(INSTALLED)
