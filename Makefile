@@ -48,9 +48,10 @@ $(INSTALLED): pyproject.toml constraints.txt scripts/setup.sh
 	@scripts/setup.sh
 	@touch $@
 
+# Without the extra s3, whose libraries come with dev: given boto3 by name, pip searches for minutes for one that s3fs allows.
 lock: setup ## Install the newest versions that pyproject.toml allows, and write them to constraints.txt
 	$(RUN)/pip install --quiet --upgrade --upgrade-strategy eager \
-		$(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) --editable '.[dev,s3,postgres]'
+		$(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) --editable '.[dev,postgres]'
 	scripts/write_constraints.sh
 
 # Without OpenGL everything but images works, so its absence is told and stops nothing.
