@@ -1,4 +1,5 @@
-# The project's commands. Each sets up the virtual environment by itself, once, and again when pyproject.toml changes.
+# The project's commands. Each sets up the virtual environment by itself, once, and again when pyproject.toml or
+# constraints.txt changes.
 
 SHELL := /bin/bash
 VENV ?= .venv
@@ -15,7 +16,7 @@ INSTALLED := $(VENV)/.juicer-installed
 CAN_DRAW := $(VENV)/.juicer-can-draw
 RUN := $(VENV)/bin
 
-.PHONY: help demo test slow-test check format setup gl clean
+.PHONY: help demo test slow-test check format setup lock gl clean
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
@@ -43,9 +44,15 @@ format: setup ## Put the code into its standard form
 setup: $(INSTALLED) ## Make the virtual environment and install everything
 	@:
 
-$(INSTALLED): pyproject.toml scripts/setup.sh
+$(INSTALLED): pyproject.toml constraints.txt scripts/setup.sh
 	@scripts/setup.sh
 	@touch $@
+
+# Without the extra s3, whose libraries come with dev: given boto3 by name, pip searches for minutes for one that s3fs allows.
+lock: setup ## Install the newest versions that pyproject.toml allows, and write them to constraints.txt
+	$(RUN)/pip install --quiet --upgrade --upgrade-strategy eager \
+		$(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) --editable '.[dev,postgres]'
+	scripts/write_constraints.sh
 
 # Without OpenGL everything but images works, so its absence is told and stops nothing.
 gl: $(INSTALLED)

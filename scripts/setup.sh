@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# Make the virtual environment $VENV and install juicer into it. Called by `make setup`.
+# Make the virtual environment $VENV and install juicer into it, with the versions of constraints.txt.
+# Called by `make setup`.
 set -euo pipefail
 
 VENV=${VENV:-.venv}
 TORCH_INDEX=${TORCH_INDEX:-}
-TORCH_VERSION=2.13.0
 
 fail() {
     echo "juicer set-up: $1" >&2
@@ -45,17 +45,14 @@ pip=("$VENV/bin/python" -m pip --disable-pip-version-check --no-input)
 progress=on
 [ -t 1 ] || progress=off
 
-torch_is_there() {
-    "$VENV/bin/python" -c "
-import importlib.metadata, sys
-sys.exit(importlib.metadata.version('torch').split('+')[0] != '$TORCH_VERSION')" 2>/dev/null
-}
-
-# torch comes first and alone: asked for together with the rest, a resolver may choose another build of it.
-if ! torch_is_there; then
-    echo "juicer set-up: installing torch $TORCH_VERSION"
-    "${pip[@]}" install --progress-bar="$progress" ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} "torch==$TORCH_VERSION" ||
-        fail "torch $TORCH_VERSION cannot be installed; see 'Which build of torch' in README.md."
+# torch comes first and alone, because it is large: its download is shown. An environment that has it keeps its build.
+torch=$(grep '^torch==' constraints.txt)
+if [[ $("${pip[@]}" freeze) != *"$torch"* ]]; then
+    echo "juicer set-up: installing $torch"
+    "${pip[@]}" install --progress-bar="$progress" --constraint constraints.txt \
+        ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} torch ||
+        fail "$torch cannot be installed; see 'Which build of torch' in README.md."
 fi
 echo "juicer set-up: installing juicer and what it needs (some minutes, about 2 GB)"
-"${pip[@]}" install --quiet --editable ".[dev]" || fail "the dependencies cannot be installed; pip's message is above."
+"${pip[@]}" install --quiet --constraint constraints.txt --editable ".[dev]" ||
+    fail "the dependencies cannot be installed; pip's message is above."

@@ -44,6 +44,7 @@ def test_it_holds_one_package_with_all_that_the_command_needs(installed: Path):
     for shipped in ("configs/demo.yaml", "configs/presets/laptop.yaml", "flows/command/cli.py", "stages/train.py"):
         assert (bundle / shipped).is_file(), shipped
     assert (installed / "juicer" / "reporting" / "report.html.j2").is_file()
+    assert (installed / "juicer" / "py.typed").is_file()
 
 
 def test_it_plans_a_run_beside_packages_of_the_same_names(installed: Path, tmp_path: Path):
