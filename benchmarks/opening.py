@@ -2,9 +2,8 @@
 
 python -m benchmarks.opening [--gigabytes 2] [--folder FOLDER]
 
-An artifact of images as a column of them would have, and one like a checkpoint, are written once and then opened, in new
-processes and in one that has opened them before. Hashing everything is what each opening did, and what `juicer verify`
-does.
+An artifact of images as a column of them would have, and one like a checkpoint, are written once and then opened: in
+a new process, and again in the same. Hashing everything is what each opening did, and what `juicer verify` does.
 """
 
 from __future__ import annotations
