@@ -1,28 +1,36 @@
-"""Critical states labelled by hand: a YAML or CSV file of episode, step and critical state.
+"""Critical states labelled by hand: a YAML or CSV file of recording, step and critical state.
 
-A CSV file has the header ``episode,step,critical_state``; a YAML file is a list of mappings with these keys.
+A CSV file has the header ``recording,step,critical_state``; a YAML file is a list of mappings with these keys. A
+recording is named by its episode id, the beginning of it, or the name of its log; the step is one of the recording,
+in which idle steps count: so a label means the same whatever else is ingested, and however.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from juicer.episode import EpisodeRecord
 from juicer.errors import InvalidLabels, did_you_mean
 from juicer.reading import read_bounded
 from juicer.text import printable
 
-COLUMNS = ("episode", "step", "critical_state")
+COLUMNS = ("recording", "step", "critical_state")
 
 MOST_BYTES = 2**18
 """Largest labels file: room for thousands of labels."""
 
+SHORTEST_PREFIX = 6
+"""Digits of an episode id that may stand for it."""
+
+_FEW = 10
 _MOST_DIGITS = 9
 _DEEPEST = 3
 """A document, its list, and the mappings in it."""
@@ -38,13 +46,13 @@ class Label:
     """What a human said about one critical state.
 
     Attributes:
-        episode: Number of the episode in its artifact.
-        step: Step just before the critical interaction.
+        recording: Episode id, the beginning of one, or the name of a log.
+        step: Step of the recording just before the critical interaction; idle steps count.
         critical_state: Index of the critical state, from 0.
         where: File and place in it, for error messages.
     """
 
-    episode: int
+    recording: str
     step: int
     critical_state: int
     where: str
@@ -77,13 +85,36 @@ def read_labels(path: Path) -> list[Label]:
     return _distinct(_label(row, f"{printable(path.name)}, {where}") for where, row in rows)
 
 
+def find_recording(label: Label, records: Sequence[EpisodeRecord]) -> int:
+    """Number of the demonstration that a label means.
+
+    Raises:
+        InvalidLabels: If there is none, or more than one.
+    """
+    name = label.recording
+    is_prefix = len(name) >= SHORTEST_PREFIX
+    found = [
+        number
+        for number, record in enumerate(records)
+        if record.log == name or (is_prefix and record.episode_id.startswith(name))
+    ]
+    if len(found) > 1:
+        ids = ", ".join(records[number].episode_id for number in found[:_FEW])
+        raise InvalidLabels(f"{label.where}: '{name}' names {len(found)} recordings, {ids}; write the whole id of one")
+    if not found:
+        known = [record.log or record.episode_id for record in records]
+        near = did_you_mean(name, known) if len(known) <= _FEW or get_close_matches(name, known, n=1) else ""
+        raise InvalidLabels(f"{label.where}: there is no demonstration of a recording '{name}'{near}")
+    return found[0]
+
+
 def _distinct(labels: Iterable[Label]) -> list[Label]:
-    seen: dict[tuple[int, int], Label] = {}
+    seen: dict[tuple[str, int], Label] = {}
     for label in labels:
-        other = seen.setdefault((label.episode, label.critical_state), label)
+        other = seen.setdefault((label.recording, label.critical_state), label)
         if other is not label:
             raise InvalidLabels(
-                f"{label.where}: critical state {label.critical_state} of episode {label.episode} "
+                f"{label.where}: critical state {label.critical_state} of recording {label.recording} "
                 f"was already labelled at {other.where}; keep one of the two"
             )
     return list(seen.values())
@@ -152,7 +183,12 @@ def _shown(node: yaml.Node) -> str:
 
 def _label(row: list[tuple[str, str]], where: str) -> Label:
     _check_keys([key for key, _ in row], where)
-    return Label(**{key: _whole_number(value, key, where) for key, value in row}, where=where)
+    values = dict(row)
+    recording = values["recording"].strip()
+    if not recording or printable(recording) != recording:
+        raise InvalidLabels(f"{where}: 'recording' must name an episode or a log, got '{printable(recording)}'")
+    step, critical_state = (_whole_number(values[key], key, where) for key in COLUMNS[1:])
+    return Label(recording, step, critical_state, where)
 
 
 def _check_keys(keys: list[str], where: str) -> None:

@@ -14,7 +14,7 @@ from mujoco import FatalError
 from numpy.typing import NDArray
 
 from juicer.demonstration.log import OperatorLog
-from juicer.episode import FINAL_KEYS, STATE_KEY
+from juicer.episode import SIMULATOR, STATE_KEY
 from juicer.errors import InvalidEpisode, RejectedLog
 from juicer.sim.env import STEP_S, AssemblyEnv
 from juicer.sim.milestones import BaseProgress, PairProgress
@@ -177,7 +177,7 @@ def _restore(env: AssemblyEnv, state: NDArray[np.float64], index: int) -> None:
 
 
 def _at(steps: Observation, index: int) -> Observation:
-    return {name: steps[name][index] for name in FINAL_KEYS}
+    return {name: steps[name][index] for name in SIMULATOR.ends}
 
 
 def _distance(first: NDArray[Any], second: NDArray[Any]) -> float:

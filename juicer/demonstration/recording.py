@@ -32,32 +32,18 @@ def record_demonstration(env: AssemblyEnv, operator: ScriptedOperator, seed: int
         step = operator.act(recorder.observation)
         recorder.step(step.action)
         idle.append(step.idle)
-    outcome = Outcome(recorder.info["outcome"])
-    facts = EpisodeRecord(
+    record = EpisodeRecord(
         source=Source.TELEOP,
         task=env.task.name,
         randomness=str(env.randomness),
         seed=seed,
-        outcome=outcome,
+        outcome=Outcome(recorder.info["outcome"]),
         parts_assembled=recorder.info["parts_assembled"],
         milestones=recorder.info["milestones"],
         device=DEVICE,
     )
-    episode = recorder.episode(facts)
-    return OperatorLog(
-        task=facts.task,
-        randomness=facts.randomness,
-        seed=seed,
-        device=DEVICE,
-        success=outcome is Outcome.SUCCESS,
-        outcome=outcome,
-        parts_assembled=facts.parts_assembled,
-        steps=episode.steps,
-        final=episode.final,
-        timestamp_s=np.arange(len(idle), dtype=np.float64) * STEP_S,
-        idle=np.array(idle),
-        milestones=facts.milestones,
-    )
+    timestamp_s = np.arange(len(idle), dtype=np.float64) * STEP_S
+    return OperatorLog.of(recorder.episode(record), timestamp_s, np.array(idle))
 
 
 def recordings(

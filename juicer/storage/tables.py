@@ -25,14 +25,14 @@ EXAMPLES = "examples"
 
 _ANNOTATIONS = pa.schema(
     {
-        "episode": pa.int32(),
+        "episode_id": pa.string(),
         "step": pa.int32(),
         "critical_state": pa.int32(),
         "author": pa.string(),
         "confidence": pa.float64(),
     }
 )
-_SELECTION = pa.schema({"episode": pa.int32(), "keep": pa.bool_(), "reason": pa.string()})
+_SELECTION = pa.schema({"episode_id": pa.string(), "keep": pa.bool_(), "reason": pa.string()})
 _EVALUATION = pa.schema(
     {
         "episode": pa.int32(),
@@ -47,12 +47,12 @@ _EVALUATION = pa.schema(
 
 @dataclass(frozen=True)
 class Annotation:
-    """A critical state: index of the episode in its artifact, step within it, which critical state of the task it is.
+    """A critical state: id of the episode, step within it, which critical state of the task it is.
 
     ``confidence`` lies between zero and one; a human's annotation has one.
     """
 
-    episode: int
+    episode_id: str
     step: int
     critical_state: int
     author: Literal["proposed", "human"]
@@ -63,7 +63,7 @@ class Annotation:
 class SelectionRow:
     """Whether an episode of an artifact is kept, and why."""
 
-    episode: int
+    episode_id: str
     keep: bool
     reason: str
 

@@ -124,7 +124,7 @@ BAD_LOGS: dict[str, Change] = {
     "'sim_state' holds NaN": broken("sim_state", (4, 1), np.nan),
     "'timestamp_s' holds NaN": lambda log: {"timestamp_s": np.where(np.arange(len(log)) == 3, np.inf, 0.0)},
     "step 11 leaves the range": broken("action", (11, 2), 1.5),
-    "no pose": broken("action", (slice(20, 21), slice(3, 9)), 0.0),
+    "does not encode a pose": broken("action", (slice(20, 21), slice(3, 9)), 0.0),
     r"'part_poses' must have the shape \(\d+, 35\)": with_steps(part_poses=lambda poses: poses[:, :21]),
     "'idle' has 79 steps": {"idle": np.zeros(79, bool)},
     "'reward' has 10 steps": with_steps(reward=lambda reward: reward[:10]),
