@@ -8,7 +8,7 @@ arrays are. ``episodes.parquet`` holds the records.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
 from functools import cached_property
 from pathlib import Path
@@ -18,10 +18,11 @@ import numpy as np
 import pyarrow as pa
 import zarr
 from numpy.typing import NDArray
-from zarr.codecs import BloscCodec
 
 from juicer.episode import ArraySpec, Episode, EpisodeRecord, Outcome, Schema, Source, require_state
 from juicer.errors import ArtifactError, InvalidEpisode, NothingLeft, did_you_mean
+from juicer.storage.arrays import Array, GrowingArray, StoredArrays, write_ends
+from juicer.storage.columns import ColumnReader
 from juicer.storage.tables import MILESTONES, read_table, write_table
 from juicer.text import printable
 
@@ -30,11 +31,6 @@ CHUNK_BYTES = 2**22
 MOST_CHUNK_STEPS = 2048
 """A chunk holds as many steps as there is room for, so that an episode touches few chunks of any array; and no more
 steps than that, so that reading an episode does not unpack all others."""
-
-MOST_BYTES = 2**36
-MOST_CHUNK_BYTES = 2**30
-MOST_METADATA_BYTES = 2**24
-"""Of an array, of a chunk of one and of the group's description: far more than juicer writes."""
 
 _RECORDS = pa.schema(
     {
@@ -62,8 +58,6 @@ _OPTIONAL = ("policy", "parent", "critical_state", "device", "operator", "record
 _MANY = 10_000
 """Ids among which no similar one is looked for."""
 
-Array = NDArray[Any]
-
 
 def write_episodes(
     folder: Path, episodes: Iterable[Episode], attributes: Mapping[str, Any], *, may_be_empty: bool = False
@@ -85,7 +79,7 @@ def write_episodes(
     """
     group = zarr.open_group(folder / "episodes.zarr", mode="w-", zarr_format=3)
     schema = Schema(())
-    appenders: dict[str, _Appender] = {}
+    appenders: dict[str, GrowingArray] = {}
     rows: dict[str, dict[str, Any]] = {}
     for episode in episodes:
         if not rows:
@@ -108,8 +102,7 @@ def write_episodes(
         raise NothingLeft("there is no episode to store")
     for appender in appenders.values():
         appender.flush()
-    ends = np.cumsum([row["length"] for row in rows.values()], dtype=np.int64)
-    group.create_array("meta/episode_ends", data=ends, chunks=(max(1, len(ends)),))
+    write_ends(group, [row["length"] for row in rows.values()])
     group.attrs.update({**attributes, "schema_version": SCHEMA_VERSION, "arrays": schema.to_json()})
     write_table(folder / "episodes.parquet", _RECORDS, rows.values())
     return len(rows)
@@ -120,23 +113,25 @@ class EpisodeReader:
 
     Attributes:
         attributes: The facts stored with the group.
-        schema: What the arrays are; empty if there is no episode.
+        schema: What the arrays are, joined columns included; empty if there is no episode and no column.
         episode_ends: ``(N,)`` index one past the last step of each episode, in the time-major arrays.
         lengths: ``(N,)`` number of steps of each episode.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, columns: Sequence[Path] = ()) -> None:
         """Open the episodes of an artifact.
 
+        Args:
+            folder: Its folder.
+            columns: Folders of column artifacts derived from it; their arrays are read as if they were its own.
+
         Raises:
-            ArtifactError: If the folder holds no episodes that juicer wrote, or those of another schema version.
+            ArtifactError: If the folder holds no episodes that juicer wrote, or those of another schema version, or if
+                columns are of other episodes.
         """
         self._folder = folder
-        self._group = _open_group(folder / "episodes.zarr")
-        try:
-            self.attributes: dict[str, Any] = dict(self._group.attrs)
-        except (TypeError, ValueError):
-            self.attributes = {}
+        self._arrays = StoredArrays(folder / "episodes.zarr", "episodes")
+        self.attributes: dict[str, Any] = self._arrays.attributes
         if (version := self.attributes.pop("schema_version", None)) != SCHEMA_VERSION:
             raise ArtifactError(
                 f"episodes in '{folder}' have schema version {printable(version)}; this juicer reads {SCHEMA_VERSION}"
@@ -144,11 +139,12 @@ class EpisodeReader:
         try:
             self.schema = Schema.from_json(self.attributes.pop("arrays", None))
         except ValueError as error:
-            raise self._refusal(printable(error)) from None
-        self.episode_ends: NDArray[np.int64] = self._read("meta/episode_ends", slice(None))
+            raise self._arrays.refusal(printable(error)) from None
+        self.episode_ends: NDArray[np.int64] = self._arrays.read_ends()
         self.lengths: NDArray[np.int64] = np.diff(self.episode_ends, prepend=0)
-        if self.episode_ends.ndim != 1 or self.episode_ends.dtype != np.int64 or np.any(self.lengths < 1):
-            raise self._refusal("its episodes have no ends")
+        self._columns: dict[str, ColumnReader] = {}
+        for each in columns:
+            self._join(ColumnReader(each))
 
     def __len__(self) -> int:
         """Number of episodes."""
@@ -160,7 +156,7 @@ class EpisodeReader:
         names = [field.name for field in fields(EpisodeRecord)]
         rows = read_table(self._folder / "episodes.parquet", _RECORDS, _OPTIONAL)
         if [row["length"] for row in rows] != self.lengths.tolist():
-            raise self._refusal("its table and its arrays are of different episodes")
+            raise self._arrays.refusal("its table and its arrays are of different episodes")
         try:
             records = [
                 EpisodeRecord(
@@ -170,9 +166,9 @@ class EpisodeReader:
                 for row in rows
             ]
         except ValueError as error:
-            raise self._refusal(printable(error)) from None
+            raise self._arrays.refusal(printable(error)) from None
         if len({record.episode_id for record in records}) < len(records):
-            raise self._refusal("two of its episodes have one id")
+            raise self._arrays.refusal("two of its episodes have one id")
         return records
 
     @cached_property
@@ -211,13 +207,20 @@ class EpisodeReader:
         span = slice(end - int(self.lengths[index]), end)
         return Episode(
             record=self.records[index],
-            steps={name: self._read(f"data/{name}", span) for name in self.schema.names()},
-            final={name: self._read(f"final/{name}", index) for name in self.schema.ends},
+            steps={name: self._steps(name, span) for name in self.schema.names()},
+            final={
+                name: self._arrays.read(f"final/{name}", self.schema[name], len(self), index)
+                for name in self.schema.ends
+            },
             schema=self.schema,
         )
 
-    def steps(self, name: str) -> Array:
-        """All steps of all episodes, ``(sum of lengths, ...)``, of an array of the schema.
+    def steps(self, name: str, span: slice = slice(None)) -> Array:
+        """All steps of all episodes, ``(sum of lengths, ...)``, of an array of the schema; or some of them.
+
+        Args:
+            name: Name of the array.
+            span: Which steps, counted over all episodes.
 
         Raises:
             NothingLeft: If there is no episode: nobody knows the shape of its steps.
@@ -228,88 +231,32 @@ class EpisodeReader:
         if name not in self.schema:
             known = did_you_mean(name, self.schema.names())
             raise ArtifactError(f"the episodes in '{self._folder}' have no array '{printable(name)}'{known}")
-        return self._read(f"data/{name}", slice(None))
+        return self._steps(name, span)
 
-    def _read(self, path: str, selection: slice | int) -> Array:
-        """Part of an array, whose size and type are looked at before memory is taken for it."""
-        array = self._find(path)
-        try:
-            return np.asarray(array[selection])
-        # Each codec has its own errors for content that is none of its own.
-        except Exception as error:
-            raise self._refusal(f"array '{path}' cannot be unpacked: {printable(error)}") from None
+    def _steps(self, name: str, span: slice) -> Array:
+        if name in self._columns:
+            return self._columns[name].steps(name, span)
+        return self._arrays.read(f"data/{name}", self.schema[name], int(self.episode_ends[-1]), span)
 
-    def _find(self, path: str) -> zarr.Array[Any]:
-        try:
-            array = self._group[path]
-        except Exception as error:
-            raise self._refusal(f"array '{path}' cannot be opened: {printable(error)}") from None
-        if not isinstance(array, zarr.Array) or not array.shape:
-            raise self._refusal(f"'{path}' is no array of theirs")
-        chunk = array.dtype.itemsize * math.prod(array.chunks)
-        if array.dtype.kind not in "biuf" or array.nbytes > MOST_BYTES or chunk > MOST_CHUNK_BYTES:
-            raise self._refusal(f"array '{path}' has an absurd size or type")
-        kind, _, name = path.partition("/")
-        if kind != "meta":
-            length = int(self.episode_ends[-1]) if kind == "data" else len(self)
-            if array.shape[0] != length or not self.schema[name].fits(array.shape[1:], array.dtype):
-                raise self._refusal(f"array '{path}' is not one of theirs")
-        return array
-
-    def _refusal(self, reason: str) -> ArtifactError:
-        return ArtifactError(f"episodes in '{self._folder}' were not written by juicer: {reason}")
+    def _join(self, columns: ColumnReader) -> None:
+        columns.check_belong(self._folder, self.episode_ends)
+        for spec in columns.schema:
+            if spec.name in self.schema:
+                raise ArtifactError(
+                    f"the columns in '{columns.folder}' have an array '{spec.name}', and so have the episodes in "
+                    f"'{self._folder}' or other columns of them; leave one out"
+                )
+            self._columns[spec.name] = columns
+        self.schema = self.schema.extended(*columns.schema)
 
 
-def _open_group(path: Path) -> zarr.Group:
-    try:
-        if (path / "zarr.json").stat().st_size > MOST_METADATA_BYTES:
-            raise ArtifactError(f"'{path}' has a description of absurd size")
-        return zarr.open_group(path, mode="r", zarr_format=3)
-    except (FileNotFoundError, NotADirectoryError):
-        raise ArtifactError(f"'{path.parent}' holds no episodes") from None
-    except ArtifactError:
-        raise
-    # What the library raises for a description that is none is not written down.
-    except Exception as error:
-        raise ArtifactError(f"'{path.parent}' holds no episodes that juicer wrote: {printable(error)}") from None
+def _appenders(group: zarr.Group, schema: Schema) -> dict[str, GrowingArray]:
+    paths = [(f"data/{name}", schema[name]) for name in schema.names()]
+    paths += [(f"final/{name}", schema[name]) for name in schema.ends]
+    return {path: GrowingArray(group, path, spec, _chunk(spec)) for path, spec in paths}
 
 
-def _appenders(group: zarr.Group, schema: Schema) -> dict[str, _Appender]:
-    paths = [(f"data/{name}", name) for name in schema.names()] + [(f"final/{name}", name) for name in schema.ends]
-    return {path: _Appender(group, path, schema[name]) for path, name in paths}
-
-
-class _Appender:
-    """Growing array that touches the disk a whole number of chunks at a time."""
-
-    def __init__(self, group: zarr.Group, path: str, spec: ArraySpec) -> None:
-        self._name = spec.name
-        self._shape = tuple(size or 0 for size in spec.shape)
-        dtype = np.dtype(spec.dtype)
-        self._chunk = min(MOST_CHUNK_STEPS, max(1, CHUNK_BYTES // (math.prod(self._shape) * dtype.itemsize)))
-        self._pending: list[Array] = []
-        self._array = group.create_array(
-            path,
-            shape=(0, *self._shape),
-            chunks=(self._chunk, *self._shape),
-            dtype=dtype,
-            compressors=BloscCodec(cname="zstd", clevel=5, shuffle="shuffle"),
-        )
-
-    def append(self, values: Array) -> None:
-        if (values.shape[1:], values.dtype) != (self._shape, self._array.dtype):
-            raise InvalidEpisode(
-                f"array '{self._name}' has shape {values.shape[1:]} a step but {self._shape} in the episodes before"
-            )
-        # A copy: the end of an episode is often a view that would keep all of it in memory.
-        self._pending.append(values.copy())
-        if sum(map(len, self._pending)) >= self._chunk:
-            pending = np.concatenate(self._pending)
-            full = len(pending) // self._chunk * self._chunk
-            self._array.append(pending[:full])
-            self._pending = [pending[full:]]
-
-    def flush(self) -> None:
-        """Write what does not fill a chunk."""
-        if rest := [values for values in self._pending if len(values)]:
-            self._array.append(np.concatenate(rest))
+def _chunk(spec: ArraySpec) -> int:
+    """Steps in a chunk."""
+    step_bytes = math.prod(size or 0 for size in spec.shape) * np.dtype(spec.dtype).itemsize
+    return min(MOST_CHUNK_STEPS, max(1, CHUNK_BYTES // step_bytes))
