@@ -38,9 +38,11 @@ from juicer.storage.curves import read_curves
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.storage.tables import read_annotations, read_evaluation, read_selection, write_evaluation
 from juicer.training.config import TrainingConfig, WindowConfig
+from juicer.training.mixing import DatasetConfig
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import CollectConfig, collect
+from stages.dataset import dataset
 from stages.evaluate import EvaluateConfig, evaluate
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
@@ -98,10 +100,16 @@ def loop(tmp_path_factory, logs):
     demonstrations = ingest(session, files=logs, config=INGEST)
     annotations = annotate(session, episodes=demonstrations, config=AnnotationConfig())
     corrective = augment(session, episodes=demonstrations, annotations=annotations, config=AUGMENT)
-    checkpoint = train(session, episodes=(demonstrations, corrective), config=TRAIN)
+    checkpoint = learn(session, demonstrations, corrective)
     rollouts = collect(session, checkpoint=checkpoint, config=COLLECT)
     evaluation = evaluate(session, checkpoint=checkpoint, config=EVALUATE)
     return Loop(session, demonstrations, annotations, corrective, checkpoint, rollouts, evaluation)
+
+
+def learn(session, *episodes, selections=(), config=TRAIN):
+    """Train on a dataset of all that is given."""
+    mixed = dataset(session, episodes=episodes, selections=selections, config=DatasetConfig())
+    return train(session, dataset=mixed, config=config)
 
 
 def summary(loop, ref):
@@ -112,7 +120,7 @@ def test_second_loop_reuses_everything(loop, logs):
     before = loop.store.refs()
     session = replace(loop.session, workers=2, num_envs=3, isolate=True)
     assert ingest(session, files=logs, config=INGEST) == loop.demonstrations
-    assert train(session, episodes=(loop.demonstrations, loop.corrective), config=TRAIN) == loop.checkpoint
+    assert learn(session, loop.demonstrations, loop.corrective) == loop.checkpoint
     assert evaluate(session, checkpoint=loop.checkpoint, config=EVALUATE) == loop.evaluation
     assert loop.store.refs() == before
 
@@ -180,7 +188,7 @@ def test_training_on_a_selection_reads_only_the_kept_episodes(loop, tmp_path, in
         (True, "success"),
         (False, "enough successes before it"),
     ]
-    retrained = train(loop.session, episodes=(loop.demonstrations,), selections=(selection,), config=TRAIN)
+    retrained = learn(loop.session, loop.demonstrations, recipe.ref, selections=(selection,))
     assert summary(loop, retrained)["episodes"] == {"teleop": 2, "rollout": 1}
     assert {recipe.ref, selection} <= set(loop.store.lineage(retrained))
 
@@ -215,7 +223,7 @@ def test_that_no_rollout_succeeded_is_an_artifact_with_a_reason(loop):
     assert facts["finding"].startswith("no successful rollout to retrain on: none of 2")
     assert [row.reason for row in read_selection(loop.store.open(selection))] == ["timeout", "timeout"]
     with pytest.raises(NothingLeft, match="holds nothing to learn from"):
-        train(loop.session, episodes=(loop.demonstrations,), selections=(selection,), config=TRAIN)
+        learn(loop.session, loop.demonstrations, loop.rollouts, selections=(selection,))
 
 
 def test_an_operator_who_always_fails_is_not_asked_again(loop, monkeypatch):
@@ -248,7 +256,7 @@ def test_attempts_that_gave_no_snippet_are_not_made_again(loop):
     assert augment(loop.session, **inputs) == corrective
     assert loop.store.refs() == before
     with pytest.raises(NothingLeft, match="holds nothing to learn from"):
-        train(loop.session, episodes=(loop.demonstrations, corrective), config=TRAIN)
+        learn(loop.session, loop.demonstrations, corrective)
 
 
 def test_a_checkpoint_tells_how_much_of_its_data_windows_reach(loop):
@@ -274,7 +282,7 @@ def test_a_training_that_most_snippets_are_too_short_for_names_the_settings_to_c
         r"policy\.horizons\.pred.*training\.windows\.back_padding.*augment\.steps_after_gripper_change"
     )
     with pytest.raises(TrainingFailed, match=refusal):
-        train(loop.session, episodes=(loop.demonstrations, loop.corrective), config=config)
+        learn(loop.session, loop.demonstrations, loop.corrective, config=config)
 
 
 def read_all(store, ref):
@@ -307,8 +315,10 @@ def test_evaluation_does_not_depend_on_how_many_episodes_run_beside_each_other(l
 
 
 def test_inputs_of_the_wrong_kind_are_refused(loop):
-    with pytest.raises(WrongArtifactKind, match="stage 'train' needs 'episodes'"):
-        train(loop.session, episodes=(loop.checkpoint,), config=TRAIN)
+    with pytest.raises(WrongArtifactKind, match="stage 'train' needs 'dataset'"):
+        train(loop.session, dataset=loop.demonstrations, config=TRAIN)
+    with pytest.raises(WrongArtifactKind, match="stage 'dataset' needs 'episodes'"):
+        dataset(loop.session, episodes=(loop.checkpoint,), config=DatasetConfig())
     with pytest.raises(WrongArtifactKind, match="stage 'evaluate' needs 'checkpoint'"):
         evaluate(loop.session, checkpoint=loop.demonstrations, config=EVALUATE)
 
