@@ -3,13 +3,16 @@
 A CSV file has the header ``recording,step,critical_state``; a YAML file is a list of mappings with these keys. A
 recording is named by its episode id, the beginning of it, or the name of its log; the step is one of the recording,
 in which idle steps count: so a label means the same whatever else is ingested, and however.
+
+Files of an earlier juicer have the column ``episode`` instead, a number that shifts with every log that is added, and
+steps of the episode. They are refused, and rewritten on demand for the episodes that their numbers are of.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -17,12 +20,14 @@ from typing import Any
 
 import yaml
 
-from juicer.episode import EpisodeRecord
+from juicer.episode import DemonstrationReader, EpisodeRecord
 from juicer.errors import InvalidLabels, did_you_mean
 from juicer.reading import read_bounded
+from juicer.storage.tables import Annotation
 from juicer.text import printable
 
 COLUMNS = ("recording", "step", "critical_state")
+NUMBERED_COLUMNS = ("episode", "step", "critical_state")
 
 MOST_BYTES = 2**18
 """Largest labels file: room for thousands of labels."""
@@ -62,27 +67,74 @@ def read_labels(path: Path) -> list[Label]:
     """Read a labels file, YAML or CSV by its ending.
 
     Raises:
-        InvalidLabels: If the file cannot be read or holds no label, a key is missing, unknown or there twice, a value
-            is no whole number, or a critical state of an episode is labelled twice.
+        InvalidLabels: If the file cannot be read or holds no label, a key is missing, unknown or there twice, a step or
+            critical state is no whole number, or a critical state of a recording is labelled twice.
     """
-    readers = {".csv": _read_csv, ".yaml": _read_yaml, ".yml": _read_yaml}
-    name = printable(path)
-    if path.suffix not in readers:
-        raise InvalidLabels(f"labels file '{name}' must end in .csv, .yaml or .yml")
+    return _distinct(
+        Label(_name(values["recording"], where), *_numbers(values, where), where)
+        for where, values in _read(path, COLUMNS)
+    )
+
+
+def read_numbered_labels(path: Path, demonstrations: DemonstrationReader) -> list[Label]:
+    """Read a labels file of an earlier juicer, as labels of today.
+
+    Args:
+        path: The file, whose columns are ``episode``, ``step`` and ``critical_state``.
+        demonstrations: The episodes that it numbers, and whose steps it counts.
+
+    Raises:
+        InvalidLabels: See :func:`read_labels`; and if there is no such episode or step.
+    """
+    labels = []
+    for where, values in _read(path, NUMBERED_COLUMNS):
+        number = _whole_number(values["episode"], "episode", where)
+        step, critical_state = _numbers(values, where)
+        if number >= len(demonstrations):
+            raise InvalidLabels(
+                f"{where}: there is no episode {number}; episodes are numbered 0 to {len(demonstrations) - 1}"
+            )
+        episode = demonstrations.read(number)
+        if step >= len(episode):
+            raise InvalidLabels(f"{where}: episode {number} has no step {step}; it has {len(episode)} steps")
+        labels.append(Label(episode.record.episode_id, episode.recorded_step(step), critical_state, where))
+    return _distinct(labels)
+
+
+def labels_of(annotations: Iterable[Annotation], demonstrations: DemonstrationReader) -> list[Label]:
+    """Annotations as labels, e.g. to correct some of them by hand."""
+    numbers = {record.episode_id: number for number, record in enumerate(demonstrations.records)}
+    return [
+        Label(
+            row.episode_id,
+            demonstrations.read(numbers[row.episode_id]).recorded_step(row.step),
+            row.critical_state,
+            row.author,
+        )
+        for row in annotations
+    ]
+
+
+def write_labels(path: Path, labels: Iterable[Label]) -> None:
+    """Write a labels file, YAML or CSV by its ending; one that is there stays as it is.
+
+    Raises:
+        InvalidLabels: If the name has another ending, the file exists, or it cannot be written.
+    """
+    import pandas as pd  # takes half a second
+
+    _check_ending(path)
+    table = pd.DataFrame([(label.recording, label.step, label.critical_state) for label in labels], columns=COLUMNS)
     try:
-        text = read_bounded(path, MOST_BYTES).decode("utf-8-sig")
-        rows = list(readers[path.suffix](text, name))
-    except FileNotFoundError:
-        raise InvalidLabels(f"labels file '{name}' does not exist") from None
-    except UnicodeDecodeError:
-        raise InvalidLabels(f"labels file '{name}' is not UTF-8 text; save it as UTF-8") from None
+        with path.open("x", newline="") as file:
+            if path.suffix == ".csv":
+                table.to_csv(file, index=False)
+            else:
+                yaml.safe_dump(table.to_dict("records"), file, sort_keys=False)
+    except FileExistsError:
+        raise InvalidLabels(f"labels file '{printable(path)}' exists already; name another") from None
     except OSError as error:
-        raise InvalidLabels(f"labels file '{name}' cannot be read: {error.strerror or error}") from None
-    except (csv.Error, yaml.YAMLError, RecursionError) as error:
-        raise InvalidLabels(f"labels file '{name}' cannot be read: {printable(' '.join(str(error).split()))}") from None
-    if not rows:
-        raise InvalidLabels(f"labels file '{name}' holds no label; leave it out if there is nothing to label")
-    return _distinct(_label(row, f"{printable(path.name)}, {where}") for where, row in rows)
+        raise InvalidLabels(f"labels file '{printable(path)}' cannot be written: {error.strerror or error}") from None
 
 
 def find_recording(label: Label, records: Sequence[EpisodeRecord]) -> int:
@@ -108,6 +160,37 @@ def find_recording(label: Label, records: Sequence[EpisodeRecord]) -> int:
     return found[0]
 
 
+def _read(path: Path, columns: Sequence[str]) -> list[tuple[str, dict[str, str]]]:
+    """Place and values of every label in a file."""
+    reader = _check_ending(path)
+    name = printable(path)
+    try:
+        text = read_bounded(path, MOST_BYTES).decode("utf-8-sig")
+        rows = list(reader(text, name, columns))
+    except FileNotFoundError:
+        raise InvalidLabels(f"labels file '{name}' does not exist") from None
+    except UnicodeDecodeError:
+        raise InvalidLabels(f"labels file '{name}' is not UTF-8 text; save it as UTF-8") from None
+    except OSError as error:
+        raise InvalidLabels(f"labels file '{name}' cannot be read: {error.strerror or error}") from None
+    except (csv.Error, yaml.YAMLError, RecursionError) as error:
+        raise InvalidLabels(f"labels file '{name}' cannot be read: {printable(' '.join(str(error).split()))}") from None
+    if not rows:
+        raise InvalidLabels(f"labels file '{name}' holds no label; leave it out if there is nothing to label")
+    placed = [(f"{printable(path.name)}, {where}", row) for where, row in rows]
+    for where, row in placed:
+        _check_keys([key for key, _ in row], columns, where)
+    return [(where, dict(row)) for where, row in placed]
+
+
+def _check_ending(path: Path) -> Any:
+    """What reads files of this ending."""
+    readers = {".csv": _read_csv, ".yaml": _read_yaml, ".yml": _read_yaml}
+    if path.suffix not in readers:
+        raise InvalidLabels(f"labels file '{printable(path)}' must end in .csv, .yaml or .yml")
+    return readers[path.suffix]
+
+
 def _distinct(labels: Iterable[Label]) -> list[Label]:
     seen: dict[tuple[str, int], Label] = {}
     for label in labels:
@@ -120,7 +203,7 @@ def _distinct(labels: Iterable[Label]) -> list[Label]:
     return list(seen.values())
 
 
-def _read_csv(text: str, name: str) -> Iterator[Row]:
+def _read_csv(text: str, name: str, expected: Sequence[str]) -> Iterator[Row]:
     reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True, strict=True)
     columns: list[str] | None = None
     for values in reader:
@@ -129,40 +212,42 @@ def _read_csv(text: str, name: str) -> Iterator[Row]:
         where = f"line {reader.line_num}"
         if columns is None:
             columns = [value.strip() for value in values]
-            _check_columns(columns, f"{name}, {where}")
+            _check_columns(columns, expected, f"{name}, {where}")
         elif len(values) != len(columns):
             raise InvalidLabels(f"{name}, {where}: {len(columns)} values are needed, got {len(values)}")
         else:
             yield where, list(zip(columns, values, strict=True))
 
 
-def _check_columns(columns: list[str], where: str) -> None:
+def _check_columns(columns: list[str], expected: Sequence[str], where: str) -> None:
     """A table that begins with a label instead of its columns would lose that label."""
     if len(columns) == 1:
         for separator, words in _SEPARATORS.items():
             if separator in columns[0]:
                 raise InvalidLabels(f"{where}: its values are separated by {words}; separate them by commas")
-    if all(column.isdecimal() for column in columns):
+    if any(column.isdecimal() for column in columns):
         raise InvalidLabels(
-            f"{where}: it must name the columns {','.join(COLUMNS)}, got {printable(','.join(columns))}"
+            f"{where}: it must name the columns {','.join(expected)}, got {printable(','.join(columns))}"
         )
-    _check_keys(columns, where)
+    _check_keys(columns, expected, where)
 
 
-def _read_yaml(text: str, name: str) -> Iterator[Row]:
+def _read_yaml(text: str, name: str, expected: Sequence[str]) -> Iterator[Row]:
+    keys = ", ".join(expected)
     _check_events(text, name)
     root = yaml.compose(text, _Loader)
     if root is None:
         return
     if not isinstance(root, yaml.SequenceNode):
-        raise InvalidLabels(f"labels file '{name}' must hold a list of entries with the keys {', '.join(COLUMNS)}")
+        raise InvalidLabels(f"labels file '{name}' must hold a list of entries with the keys {keys}")
     for number, entry in enumerate(root.value, start=1):
         where = f"entry {number}"
         if not isinstance(entry, yaml.MappingNode):
-            raise InvalidLabels(f"{name}, {where}: expected the keys {', '.join(COLUMNS)}, got {_shown(entry)}")
+            raise InvalidLabels(f"{name}, {where}: expected the keys {keys}, got {_shown(entry)}")
         for _, value in entry.value:
             if not isinstance(value, yaml.ScalarNode):
-                raise InvalidLabels(f"{name}, {where}: every value must be a whole number, got {_shown(value)}")
+                raise InvalidLabels(f"{name}, {where}: every value must be a text or a number, got {_shown(value)}")
+        # Values as they are written: an id such as 1e10 is no number.
         yield where, [(_shown(key), value.value) for key, value in entry.value]
 
 
@@ -181,25 +266,35 @@ def _shown(node: yaml.Node) -> str:
     return printable(node.value) if isinstance(node, yaml.ScalarNode) else f"a {node.tag.rpartition(':')[2]}"
 
 
-def _label(row: list[tuple[str, str]], where: str) -> Label:
-    _check_keys([key for key, _ in row], where)
-    values = dict(row)
-    recording = values["recording"].strip()
-    if not recording or printable(recording) != recording:
-        raise InvalidLabels(f"{where}: 'recording' must name an episode or a log, got '{printable(recording)}'")
-    step, critical_state = (_whole_number(values[key], key, where) for key in COLUMNS[1:])
-    return Label(recording, step, critical_state, where)
-
-
-def _check_keys(keys: list[str], where: str) -> None:
+def _check_keys(keys: list[str], expected: Sequence[str], where: str) -> None:
+    if set(keys) == set(NUMBERED_COLUMNS) != set(expected):
+        raise InvalidLabels(
+            f"{where}: it numbers episodes, and a number means another demonstration once a log is added; "
+            "`juicer labels EPISODES NEW --numbered THIS` writes it anew with the ids of the recordings"
+        )
     for key in keys:
-        if key not in COLUMNS:
-            raise InvalidLabels(f"{where}: unknown key '{printable(key)}'{did_you_mean(key, COLUMNS)}")
+        if key not in expected:
+            raise InvalidLabels(f"{where}: unknown key '{printable(key)}'{did_you_mean(key, expected)}")
         if keys.count(key) > 1:
             raise InvalidLabels(f"{where}: '{key}' is there twice")
-    for column in COLUMNS:
+    for column in expected:
         if column not in keys:
             raise InvalidLabels(f"{where}: '{column}' is missing")
+
+
+def _name(text: str, where: str) -> str:
+    name = text.strip()
+    if not name or printable(name) != name:
+        raise InvalidLabels(f"{where}: 'recording' must name an episode or a log, got '{printable(text)}'")
+    return name
+
+
+def _numbers(values: Mapping[str, str], where: str) -> tuple[int, int]:
+    """Step and critical state."""
+    return (
+        _whole_number(values["step"], "step", where),
+        _whole_number(values["critical_state"], "critical_state", where),
+    )
 
 
 def _whole_number(text: str, key: str, where: str) -> int:

@@ -69,12 +69,12 @@ def test_idle_steps_are_dropped_and_the_rest_stays_aligned(log_with: LogFactory)
 
 def test_a_demonstration_replays_bit_for_bit_exactly_where_it_says_so(log_with: LogFactory):
     log = log_with()
-    episode = ingest_log(replace(log, idle=idle_at(log, 0, 20, 21, 30))).episode
+    episode = ingest_log(replace(log, idle=idle_at(log, 0, 10, 20, 21))).episode
     continuous = episode.steps["continuous"]
-    assert np.flatnonzero(~continuous).tolist() == [18, 26]
-    np.testing.assert_array_equal(episode.steps["recorded_step"], np.delete(np.arange(len(log)), [0, 20, 21, 30]))
+    assert np.flatnonzero(~continuous).tolist() == [8, 17]
+    np.testing.assert_array_equal(episode.steps["recorded_step"], np.delete(np.arange(len(log)), [0, 10, 20, 21]))
     env = AssemblyEnv("one_leg")
-    for step in (17, 18, 19, 26, 27, len(episode) - 1):
+    for step in (7, 8, 9, 17, 18, len(episode) - 1):
         env.set_state(episode.state(step))
         env.step(episode.steps["action"][step])
         assert np.array_equal(env.get_state(), episode.state(step + 1)) == continuous[step]
