@@ -40,8 +40,15 @@ def _annotated(store: ArtifactStore, ref: ArtifactRef) -> list[Label]:
 
 def _renamed(store: ArtifactStore, ref: ArtifactRef, numbered: Path) -> list[Label]:
     from juicer.annotation.labels import read_numbered_labels
+    from juicer.episode import RECORDED_STEP_KEY
     from juicer.storage.episodes import EpisodeReader
 
     if ref.kind != "episodes":
         raise ConfigError(f"{ref} holds no episodes; with --numbered, name those that the file numbers")
-    return read_numbered_labels(numbered, EpisodeReader(store.open(ref, "episodes")))
+    reader = EpisodeReader(store.open(ref, "episodes"))
+    if len(reader) and RECORDED_STEP_KEY not in reader.schema:
+        raise ConfigError(
+            f"{ref} does not know the steps of its recordings; "
+            "ingest the same logs with this juicer, and name the result"
+        )
+    return read_numbered_labels(numbered, reader)

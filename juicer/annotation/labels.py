@@ -20,7 +20,7 @@ from typing import Any
 
 import yaml
 
-from juicer.episode import DemonstrationReader, EpisodeRecord
+from juicer.episode import DemonstrationReader, EpisodeRecord, episodes_named
 from juicer.errors import InvalidLabels, did_you_mean
 from juicer.reading import read_bounded
 from juicer.storage.tables import Annotation
@@ -31,9 +31,6 @@ NUMBERED_COLUMNS = ("episode", "step", "critical_state")
 
 MOST_BYTES = 2**18
 """Largest labels file: room for thousands of labels."""
-
-SHORTEST_PREFIX = 6
-"""Digits of an episode id that may stand for it."""
 
 _FEW = 10
 _MOST_DIGITS = 9
@@ -144,12 +141,7 @@ def find_recording(label: Label, records: Sequence[EpisodeRecord]) -> int:
         InvalidLabels: If there is none, or more than one.
     """
     name = label.recording
-    is_prefix = len(name) >= SHORTEST_PREFIX
-    found = [
-        number
-        for number, record in enumerate(records)
-        if record.log == name or (is_prefix and record.episode_id.startswith(name))
-    ]
+    found = episodes_named(name, records)
     if len(found) > 1:
         ids = ", ".join(records[number].episode_id for number in found[:_FEW])
         raise InvalidLabels(f"{label.where}: '{name}' names {len(found)} recordings, {ids}; write the whole id of one")
