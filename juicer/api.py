@@ -90,7 +90,7 @@ def open_store(place: str | Path = "data") -> ArtifactStore:
 
 
 def load_episodes(store: ArtifactStore, id: str) -> EpisodeReader:
-    """Episodes of an artifact: ``records`` or their ``table``, ``read(number)``, and arrays with ``steps(name)``.
+    """Episodes of an artifact: ``records``, ``read(number)``, and all steps of an array with ``steps(name)``.
 
     Args:
         store: Where it is kept.
@@ -127,12 +127,14 @@ def load_table(store: ArtifactStore, id: str) -> pd.DataFrame:
         WrongArtifactKind: If the artifact holds no table.
         ArtifactError: If there is no such artifact, or it is damaged.
     """
+    from juicer.episode import EpisodeRecord
     from juicer.storage import tables
     from juicer.storage.frames import frame_of
 
     ref = store.resolve(id)
     if ref.kind == "episodes":
-        return load_episodes(store, ref.id).table
+        reader = load_episodes(store, ref.id)
+        return frame_of(reader.records, EpisodeRecord, length=reader.lengths.tolist())
     if ref.kind == "annotations":
         return frame_of(tables.read_annotations(store.open(ref)), tables.Annotation)
     if ref.kind == "selection":

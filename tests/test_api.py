@@ -100,10 +100,11 @@ def test_what_is_in_a_store_is_found_by_the_beginning_of_its_id(store: ArtifactS
 
 def test_tables_are_data_frames(store: ArtifactStore, insertions: list[Episode]):
     known = ids(store)
-    episodes, evaluation = api.load_episodes(store, known["episodes"]), api.load_evaluation(store, known["evaluation"])
-    assert episodes.table["episode_id"].tolist() == [episode.record.episode_id for episode in insertions]
-    assert episodes.table["length"].tolist() == [len(episode) for episode in insertions]
-    assert episodes.table["policy"].isna().all()
+    evaluation = api.load_evaluation(store, known["evaluation"])
+    episodes = api.load_table(store, known["episodes"])
+    assert episodes["episode_id"].tolist() == [episode.record.episode_id for episode in insertions]
+    assert episodes["length"].tolist() == [len(episode) for episode in insertions]
+    assert episodes["policy"].isna().all()
     assert evaluation.table.equals(api.load_table(store, known["evaluation"]))
     assert evaluation.table.groupby("outcome")["seed"].count().to_dict() == {"success": 2}
     assert list(frame_of([], Annotation).columns) == ["episode_id", "step", "critical_state", "author", "confidence"]

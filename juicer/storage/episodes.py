@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -22,12 +22,8 @@ from zarr.codecs import BloscCodec
 
 from juicer.episode import SIMULATOR, ArraySpec, Episode, EpisodeRecord, Outcome, Schema, Source, require_state
 from juicer.errors import ArtifactError, InvalidEpisode, NothingLeft, did_you_mean
-from juicer.storage.frames import frame_of
 from juicer.storage.tables import MILESTONES, read_table, write_table
 from juicer.text import printable
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 SCHEMA_VERSION = 2
 """The first had the arrays of :data:`juicer.episode.SIMULATOR` and no ids; it is still read."""
@@ -186,11 +182,6 @@ class EpisodeReader:
     def ids(self) -> dict[str, int]:
         """Number of each episode by its id, in order."""
         return {record.episode_id: index for index, record in enumerate(self.records)}
-
-    @property
-    def table(self) -> pd.DataFrame:
-        """Facts about every episode for people to look at, a row an episode; ``length`` is in steps."""
-        return frame_of(self.records, EpisodeRecord, length=self.lengths.tolist())
 
     def find(self, episode_id: str) -> int:
         """Number of the episode of an id.

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from juicer.annotation.annotate import annotate
-from juicer.annotation.labels import labels_of, read_labels, read_numbered_labels, write_labels
+from juicer.annotation.labels import read_labels
 from juicer.annotation.propose import AnnotationConfig
+from juicer.annotation.rewriting import labels_of, read_numbered_labels, write_labels
 from juicer.demonstration.ingestion import Demonstration, IngestionConfig, ingest
 from juicer.demonstration.log import OperatorLog, write_log
 from juicer.episode import Episode

@@ -59,6 +59,9 @@ def test_annotations_are_written_with_the_steps_of_the_recording(
     assert call(["labels", annotations.id, str(path)]) == 0
     assert path.read_text() == f"recording,step,critical_state\n{demonstration.record.episode_id},7,0\n"
     assert "exists already" in complaint(capsys, "labels", annotations.id, str(path))
+    assert "cannot be written: No such file" in complaint(
+        capsys, "labels", annotations.id, str(tmp_path / "a" / "b.csv")
+    )
     assert "must end in .csv, .yaml or .yml" in complaint(capsys, "labels", annotations.id, str(tmp_path / "a.txt"))
 
 
