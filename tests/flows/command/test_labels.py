@@ -12,7 +12,7 @@ from flows.command.cli import call
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from juicer.episode import DEMONSTRATION, Episode
+from juicer.episode import DEMONSTRATION, SIMULATOR, Episode, Role, Schema
 from juicer.storage.episodes import write_episodes
 from juicer.storage.tables import Annotation, write_annotations
 
@@ -84,3 +84,20 @@ def test_a_file_of_numbers_is_written_anew(
 
 def test_an_episode_that_is_not_there_is_named(episodes: ArtifactRef, capsys: pytest.CaptureFixture[str]):
     assert "no episode of" in complaint(capsys, "replay", episodes.id, "-k", "nobody.npz")
+
+
+def test_data_without_simulator_states_cannot_be_replayed(
+    store: ArtifactStore, demonstration: Episode, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    schema = Schema(tuple(spec for spec in SIMULATOR if spec.role is not Role.STATE))
+    steps, final = (
+        {name: arrays[name] for name in names}
+        for arrays, names in ((demonstration.steps, schema.names()), (demonstration.final, schema.ends))
+    )
+    recipe = Recipe("ingest", "episodes", config={"of": "another project"})
+    with store.create(recipe) as draft:
+        write_episodes(draft.path, [Episode(demonstration.record, steps, final, schema)], {})
+    video = tmp_path / "video.mp4"
+    told = complaint(capsys, "replay", recipe.ref.id, "-k", "demo.npz", "--video", str(video))
+    assert "holds no simulator state, so none of its steps can be restored" in told
+    assert not list(tmp_path.glob("*video*"))
