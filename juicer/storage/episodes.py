@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ import pyarrow as pa
 import zarr
 from numpy.typing import NDArray
 
-from juicer.episode import ArraySpec, Episode, EpisodeRecord, Outcome, Schema, Source, require_state
+from juicer.episode import SIMULATOR, ArraySpec, Episode, EpisodeRecord, Outcome, Schema, Source, require_state
 from juicer.errors import ArtifactError, InvalidEpisode, NothingLeft, did_you_mean
 from juicer.storage.arrays import Array, GrowingArray, StoredArrays, write_ends
 from juicer.storage.columns import ColumnReader
@@ -27,6 +27,7 @@ from juicer.storage.tables import MILESTONES, read_table, write_table
 from juicer.text import printable
 
 SCHEMA_VERSION = 2
+"""The first had the arrays of :data:`juicer.episode.SIMULATOR` and no ids; it is still read."""
 CHUNK_BYTES = 2**22
 MOST_CHUNK_STEPS = 2048
 """A chunk holds as many steps as there is room for, so that an episode touches few chunks of any array; and no more
@@ -53,6 +54,10 @@ _RECORDS = pa.schema(
     }
 )
 
+_ADDED = ("episode_id", "operator", "recorded_at", "log")
+_FIRST_RECORDS = pa.schema(
+    [pa.field("episode", pa.int32()), *(field for field in _RECORDS if field.name not in _ADDED)]
+)
 _OPTIONAL = ("policy", "parent", "critical_state", "device", "operator", "recorded_at", "log")
 
 _MANY = 10_000
@@ -132,14 +137,8 @@ class EpisodeReader:
         self._folder = folder
         self._arrays = StoredArrays(folder / "episodes.zarr", "episodes")
         self.attributes: dict[str, Any] = self._arrays.attributes
-        if (version := self.attributes.pop("schema_version", None)) != SCHEMA_VERSION:
-            raise ArtifactError(
-                f"episodes in '{folder}' have schema version {printable(version)}; this juicer reads {SCHEMA_VERSION}"
-            )
-        try:
-            self.schema = Schema.from_json(self.attributes.pop("arrays", None))
-        except ValueError as error:
-            raise self._arrays.refusal(printable(error)) from None
+        self._version = self.attributes.pop("schema_version", None)
+        self.schema = self._read_schema()
         self.episode_ends: NDArray[np.int64] = self._arrays.read_ends()
         self.lengths: NDArray[np.int64] = np.diff(self.episode_ends, prepend=0)
         self._columns: dict[str, ColumnReader] = {}
@@ -154,7 +153,9 @@ class EpisodeReader:
     def records(self) -> list[EpisodeRecord]:
         """Facts about every episode."""
         names = [field.name for field in fields(EpisodeRecord)]
-        rows = read_table(self._folder / "episodes.parquet", _RECORDS, _OPTIONAL)
+        is_first = self._version == 1
+        optional = _ADDED + _OPTIONAL if is_first else _OPTIONAL
+        rows = read_table(self._folder / "episodes.parquet", _RECORDS, optional, _FIRST_RECORDS if is_first else None)
         if [row["length"] for row in rows] != self.lengths.tolist():
             raise self._arrays.refusal("its table and its arrays are of different episodes")
         try:
@@ -167,6 +168,8 @@ class EpisodeReader:
             ]
         except ValueError as error:
             raise self._arrays.refusal(printable(error)) from None
+        if is_first:
+            records = [self._episode(index, replace(r, episode_id="")).record for index, r in enumerate(records)]
         if len({record.episode_id for record in records}) < len(records):
             raise self._arrays.refusal("two of its episodes have one id")
         return records
@@ -203,10 +206,13 @@ class EpisodeReader:
             IndexError: If there is no such episode.
         """
         index = range(len(self))[index]
+        return self._episode(index, self.records[index])
+
+    def _episode(self, index: int, record: EpisodeRecord) -> Episode:
         end = int(self.episode_ends[index])
         span = slice(end - int(self.lengths[index]), end)
         return Episode(
-            record=self.records[index],
+            record=record,
             steps={name: self._steps(name, span) for name in self.schema.names()},
             final={
                 name: self._arrays.read(f"final/{name}", self.schema[name], len(self), index)
@@ -232,6 +238,19 @@ class EpisodeReader:
             known = did_you_mean(name, self.schema.names())
             raise ArtifactError(f"the episodes in '{self._folder}' have no array '{printable(name)}'{known}")
         return self._steps(name, span)
+
+    def _read_schema(self) -> Schema:
+        if self._version == 1:
+            return SIMULATOR
+        if self._version != SCHEMA_VERSION:
+            raise ArtifactError(
+                f"episodes in '{self._folder}' have schema version {printable(self._version)}; "
+                f"this juicer reads {SCHEMA_VERSION}"
+            )
+        try:
+            return Schema.from_json(self.attributes.pop("arrays", None))
+        except ValueError as error:
+            raise self._arrays.refusal(printable(error)) from None
 
     def _steps(self, name: str, span: slice) -> Array:
         if name in self._columns:

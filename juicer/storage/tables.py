@@ -125,13 +125,16 @@ def write_table(path: Path, schema: pa.Schema, rows: Iterable[Mapping[str, Any]]
     pq.write_table(pa.Table.from_pylist(list(rows), schema=schema), path)
 
 
-def read_table(path: Path, schema: pa.Schema, optional: Collection[str] = ()) -> list[dict[str, Any]]:
+def read_table(
+    path: Path, schema: pa.Schema, optional: Collection[str] = (), older: pa.Schema | None = None
+) -> list[dict[str, Any]]:
     """Read every row of a Parquet file; map columns become dictionaries.
 
     Args:
         path: The file.
         schema: Names and types of its columns.
         optional: Columns that need not have a value in every row.
+        older: What an earlier juicer wrote: what it lacks is None, what there is no place for today is left out.
 
     Raises:
         ArtifactError: If the file is missing, has another schema, lacks values, or has absurdly many rows.
@@ -143,6 +146,11 @@ def read_table(path: Path, schema: pa.Schema, optional: Collection[str] = ()) ->
             table = file.read()
     except (OSError, pa.ArrowException):
         raise ArtifactError(f"'{path}' is not a Parquet table that juicer wrote") from None
+    if older is not None and table.schema.equals(older):
+        for name in schema.names:
+            if name not in older.names:
+                table = table.append_column(name, pa.nulls(len(table), schema.field(name).type))
+        table = table.select(schema.names)
     if not table.schema.equals(schema):
         names = printable(table.schema.names)
         raise ArtifactError(f"'{path}' has the columns {names} of another version; expected {schema.names}")
