@@ -92,7 +92,9 @@ def _run_mixed(session: Session, config: LoopConfig, condition: Condition, seed:
         task: _gather(session.for_model(f"{session.label} {task}", session.record), loop, condition, seed)
         for task, loop in config.mix.items()
     }
-    checkpoint = _train(session, config, config.final_training(condition, seed), gathered.values())
+    # It is one model, whichever task's run asks for it.
+    first = next(iter(config.mix.values()))
+    checkpoint = _train(session, first, config.final_training(condition, seed), gathered.values())
     evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluation)
     findings = [f"{task}: {finding}" for task, data in gathered.items() for finding in data.findings]
     findings += _findings(session, checkpoint)
