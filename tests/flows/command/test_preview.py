@@ -82,7 +82,8 @@ def test_corrective_episodes_of_retraining_are_told_from_those_of_training(store
 def test_several_changes_are_each_named_once(store):
     (found,) = explained(store, "collect", "augment.num_snippets=100", "ingest.min_steps=30").values()
     assert found.reasons == [
-        "config key 'ingest.min_steps' is 30, it was 50, so annotate, augment, dataset, train and collect are computed again",
+        "config key 'ingest.min_steps' is 30, it was 50, "
+        "so annotate, augment, dataset, train and collect are computed again",
         "config key 'augment.num_snippets' is 100, it was 192, so dataset, train and collect are computed again",
     ]
 
