@@ -89,19 +89,21 @@ def open_store(place: str | Path = "data") -> ArtifactStore:
     return ArtifactStore(place)
 
 
-def load_episodes(store: ArtifactStore, id: str) -> EpisodeReader:
+def load_episodes(store: ArtifactStore, id: str, columns: Iterable[str] = ()) -> EpisodeReader:
     """Episodes of an artifact: ``records``, ``read(number)``, and all steps of an array with ``steps(name)``.
 
     Args:
         store: Where it is kept.
         id: Its id, or as much of it as is unique.
+        columns: Ids of artifacts with columns of these episodes, which are read as if they were their own arrays.
 
     Raises:
-        ArtifactError: If there is no such artifact, or it is damaged.
+        ArtifactError: If there is no such artifact, it is damaged, or columns are of other episodes.
     """
     from juicer.storage.episodes import EpisodeReader
 
-    return EpisodeReader(store.open(store.resolve(id, "episodes")))
+    joined = [store.open(store.resolve(each, "columns")) for each in columns]
+    return EpisodeReader(store.open(store.resolve(id, "episodes")), joined)
 
 
 def load_evaluation(store: ArtifactStore, id: str) -> Evaluation:
@@ -121,14 +123,16 @@ def load_evaluation(store: ArtifactStore, id: str) -> Evaluation:
 
 
 def load_table(store: ArtifactStore, id: str) -> pd.DataFrame:
-    """Annotations, a selection, an evaluation, or the facts about episodes as a table, see :func:`load_episodes`.
+    """Annotations, a selection, a dataset, an evaluation, or the facts about episodes, as a table.
+
+    See :func:`load_episodes` for how an artifact is named.
 
     Raises:
         WrongArtifactKind: If the artifact holds no table.
         ArtifactError: If there is no such artifact, or it is damaged.
     """
     from juicer.episode import EpisodeRecord
-    from juicer.storage import tables
+    from juicer.storage import dataset, tables
     from juicer.storage.frames import frame_of
 
     ref = store.resolve(id)
@@ -139,9 +143,11 @@ def load_table(store: ArtifactStore, id: str) -> pd.DataFrame:
         return frame_of(tables.read_annotations(store.open(ref)), tables.Annotation)
     if ref.kind == "selection":
         return frame_of(tables.read_selection(store.open(ref)), tables.SelectionRow)
+    if ref.kind == "dataset":
+        return frame_of(dataset.read_dataset(store.open(ref)), dataset.DatasetRow)
     if ref.kind == "evaluation":
         return frame_of(tables.read_evaluation(store.open(ref)), tables.EvaluationRow)
-    raise WrongArtifactKind(f"{ref} holds no table; episodes, annotations, selections and evaluations do")
+    raise WrongArtifactKind(f"{ref} holds no table; episodes, annotations, selections, datasets and evaluations do")
 
 
 def load_recordings(store: ArtifactStore, id: str) -> pd.DataFrame:

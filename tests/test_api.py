@@ -31,6 +31,10 @@ from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.storage.episodes import write_episodes
 from juicer.storage.frames import frame_of
 from juicer.storage.tables import Annotation, EvaluationRow, write_evaluation
+from juicer.training.mixing import DatasetConfig
+from stages.dataset import dataset
+from stages.runtime.execution import perform_here
+from stages.runtime.session import Session
 
 PAGE = Path(__file__).parents[1] / "docs" / "library.md"
 KINDS = ("episodes", "checkpoint", "evaluation")
@@ -108,6 +112,8 @@ def test_tables_are_data_frames(store: ArtifactStore, insertions: list[Episode])
     assert evaluation.table.equals(api.load_table(store, known["evaluation"]))
     assert evaluation.table.groupby("outcome")["seed"].count().to_dict() == {"success": 2}
     assert list(frame_of([], Annotation).columns) == ["episode_id", "step", "critical_state", "author", "confidence"]
+    mixed = dataset(Session(store, perform_here), episodes=(store.refs("episodes")[0],), config=DatasetConfig())
+    assert api.load_table(store, mixed.id)["episode_id"].tolist() == episodes["episode_id"].tolist()
     with pytest.raises(WrongArtifactKind, match="holds no table"):
         api.load_table(store, known["checkpoint"])
     with pytest.raises(ArtifactError, match=r"recordings\.parquet"):

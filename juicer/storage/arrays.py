@@ -190,8 +190,10 @@ class StoredArrays:
 
 def _codecs(dtype: np.dtype[Any]) -> tuple[BloscCodec, Crc32cCodec]:
     """How chunks are packed. The checksum is of what is on the disk, so that nothing damaged is ever unpacked."""
-    # The bytes of larger numbers are alike at the same place; those of an image are not.
-    return BloscCodec(cname="zstd", clevel=5, shuffle="shuffle" if dtype.itemsize > 1 else "noshuffle"), Crc32cCodec()
+    if dtype.itemsize == 1:
+        # Images: shuffling does nothing to single bytes, and more effort gains little.
+        return BloscCodec(cname="zstd", clevel=3, shuffle="noshuffle"), Crc32cCodec()
+    return BloscCodec(cname="zstd", clevel=5, shuffle="shuffle"), Crc32cCodec()
 
 
 def _artifact_of(folder: Path) -> Path | None:
