@@ -178,7 +178,7 @@ def test_data_without_simulator_states_is_refused_where_states_are_restored(loop
         annotate(loop.session, episodes=recipe.ref, config=AnnotationConfig())
     with pytest.raises(StateMissing, match="holds no simulator state"):
         augment(loop.session, episodes=recipe.ref, annotations=loop.annotations, config=AUGMENT)
-    assert train(loop.session, episodes=(recipe.ref,), config=TRAIN).kind == "checkpoint"
+    assert learn(loop.session, recipe.ref).kind == "checkpoint"
 
 
 def test_checkpoint_brings_its_curves_and_the_size_of_its_data(loop):
