@@ -182,9 +182,12 @@ class StoredArrays:
             ) from None
         # Each codec has its own errors for content that is none of its own, the checksum among them.
         except Exception as error:
+            is_other = "checksum do not match" in str(error)
+            reason = (
+                "has other content than when it was written" if is_other else f"cannot be unpacked: {printable(error)}"
+            )
             raise DamagedArtifact(
-                f"{_name_of(self._folder)} is damaged: array '{path}' cannot be unpacked: {printable(error)}; "
-                f"{_remedy(self._folder)}"
+                f"{_name_of(self._folder)} is damaged: array '{path}' {reason}; {_remedy(self._folder)}"
             ) from None
 
 
