@@ -10,6 +10,7 @@ from juicer.storage.columns import ColumnReader
 from juicer.storage.dataset import write_dataset
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.tables import read_selection
+from juicer.text import printable
 from juicer.training.mixing import DatasetConfig, GivenEpisodes, mix
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
@@ -57,7 +58,9 @@ def _columns_of(
     for ref in columns:
         artifact = ColumnReader(context.store.open(ref, "columns")).artifact
         if artifact not in own:
-            raise ArtifactError(f"{ref} are columns of episodes/{artifact}, which is none of the episodes given")
+            raise ArtifactError(
+                f"{ref} are columns of episodes/{printable(artifact)}, which is none of the episodes given"
+            )
         own[artifact].append(ref)
     return own
 

@@ -45,7 +45,8 @@ def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -
 
     rows = read_dataset(context.store.open(dataset, "dataset"))
     shown = {row.task for row in rows}
-    tasks = {name: feature_spec(name) for name in TASK_NAMES if name in shown}
+    # In the order of the registry, which gives tasks their numbers; one that is not there is refused.
+    tasks = {name: feature_spec(name) for name in sorted(shown, key=[*TASK_NAMES, *shown].index)}
     curves = CurveWriter(context.draft.scratch, context.metrics)
     trained = train_policy(
         [read_episodes(_open(context.store, group), group, tasks) for group in grouped(rows)],

@@ -11,15 +11,16 @@ import pytest
 
 from juicer.artifacts.recipe import Recipe
 from juicer.episode import Outcome, Role, Source
-from juicer.errors import ArtifactError
+from juicer.errors import ArtifactError, ConfigError
 from juicer.policy.config import FeatureSpec, PairSpec
 from juicer.storage.columns import ColumnReader
-from juicer.storage.dataset import grouped, read_dataset
+from juicer.storage.dataset import grouped, read_dataset, write_dataset
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.training.mixing import DatasetConfig
 from juicer.training.reading import read_episodes
 from stages.dataset import dataset
 from stages.select import SelectConfig, select
+from stages.train import TrainConfig, train
 
 SPEED = '''
 """A column from outside the package: how fast the end effector moves."""
@@ -146,6 +147,26 @@ def test_columns_of_episodes_that_are_not_given_are_refused(session, demonstrati
         ArtifactError, match=f"{columns} are columns of {demonstrations}, which is none of the episodes"
     ):
         dataset(session, episodes=(rollouts,), columns=(columns,), config=DatasetConfig())
+
+
+def test_a_task_that_nobody_knows_is_refused_in_a_sentence(session, episode_factory):
+    foreign = stored(session, "foreign", episode_factory(20, task="stack_cups"))
+    ref = dataset(session, episodes=(foreign,), config=DatasetConfig())
+    with pytest.raises(ConfigError, match="stack_cups"):
+        train(session, dataset=ref, config=TrainConfig())
+
+
+def test_an_episode_that_is_no_longer_where_the_dataset_says_is_named(session, demonstrations):
+    ref = dataset(session, episodes=(demonstrations,), config=DatasetConfig())
+    rows = [replace(row, episode_id="f" * 16) for row in rows_of(session, ref)[:1]]
+    forged = Recipe("by hand", "dataset")
+    with session.store.create(forged) as draft:
+        write_dataset(draft.path, rows)
+    with pytest.raises(ArtifactError, match="holds no episode ffffffffffffffff"):
+        train(session, dataset=forged.ref, config=TrainConfig())
+    session.store.set_aside(demonstrations)
+    with pytest.raises(ArtifactError, match=f"artifact {demonstrations} does not exist"):
+        train(session, dataset=ref, config=TrainConfig())
 
 
 def test_columns_are_made_again_byte_for_byte(session, demonstrations, speed):
