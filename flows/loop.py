@@ -15,6 +15,7 @@ from juicer.text import printable
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import collect
+from stages.dataset import dataset
 from stages.evaluate import evaluate
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
@@ -43,6 +44,10 @@ class ModelOutcome:
     finding: str = ""
 
 
+_Selected = tuple[ArtifactRef, ArtifactRef]
+"""Rollouts, and a selection of them."""
+
+
 @dataclass(frozen=True)
 class _Data:
     """What a model is trained on in the end.
@@ -50,13 +55,13 @@ class _Data:
     Attributes:
         session: Session of the last turn of collect, select, train.
         episodes: Demonstrations and corrective episodes.
-        selections: Successes of the model's predecessors.
+        selections: Rollouts of the model's predecessors, and which of them are kept.
         findings: Why there are no more of these.
     """
 
     session: Session
     episodes: tuple[ArtifactRef, ...]
-    selections: tuple[ArtifactRef, ...] = ()
+    selections: tuple[_Selected, ...] = ()
     findings: tuple[str, ...] = ()
 
 
@@ -75,7 +80,7 @@ def run_model(session: Session, config: LoopConfig, condition: Condition, seed: 
     else:
         data = _gather(session, config, condition, seed)
         session = data.session
-        checkpoint = _train(session, config.final_training(condition, seed), [data])
+        checkpoint = _train(session, config, config.final_training(condition, seed), [data])
         findings = (*data.findings, *_findings(session, checkpoint))
     evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluation)
     return ModelOutcome(condition, seed, checkpoint, evaluation, "; ".join(findings))
@@ -87,22 +92,26 @@ def _run_mixed(session: Session, config: LoopConfig, condition: Condition, seed:
         task: _gather(session.for_model(f"{session.label} {task}", session.record), loop, condition, seed)
         for task, loop in config.mix.items()
     }
-    checkpoint = _train(session, config.final_training(condition, seed), gathered.values())
+    # It is one model, whichever task's run asks for it.
+    first = next(iter(config.mix.values()))
+    checkpoint = _train(session, first, config.final_training(condition, seed), gathered.values())
     evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluation)
     findings = [f"{task}: {finding}" for task, data in gathered.items() for finding in data.findings]
     findings += _findings(session, checkpoint)
     return ModelOutcome(condition, seed, checkpoint, evaluation, "; ".join(findings))
 
 
-def _train(session: Session, config: TrainConfig, gathered: Iterable[_Data]) -> ArtifactRef:
-    """The last model, trained on all that was gathered."""
+def _train(session: Session, config: LoopConfig, training: TrainConfig, gathered: Iterable[_Data]) -> ArtifactRef:
+    """A model trained on all that was gathered."""
     gathered = tuple(gathered)
-    return train(
+    selected = [each for data in gathered for each in data.selections]
+    mixed = dataset(
         session,
-        episodes=tuple(ref for data in gathered for ref in data.episodes),
-        selections=tuple(ref for data in gathered for ref in data.selections),
-        config=config,
+        episodes=(*(ref for data in gathered for ref in data.episodes), *(rollouts for rollouts, _ in selected)),
+        selections=tuple(selection for _, selection in selected),
+        config=config.dataset,
     )
+    return train(session, dataset=mixed, config=training)
 
 
 def _gather(session: Session, config: LoopConfig, condition: Condition, seed: int) -> _Data:
@@ -111,14 +120,14 @@ def _gather(session: Session, config: LoopConfig, condition: Condition, seed: in
     demonstrations = get_demonstrations(session, config)
     data = _data(session, config, demonstrations, config.augment if method.augments else None)
     for turn in range(1, config.rounds + 1) if method.collects else ():
-        checkpoint = train(data.session, episodes=data.episodes, selections=data.selections, config=training)
+        checkpoint = _train(data.session, config, training, [data])
         session = session.for_round(turn)
         rollouts = collect(session, checkpoint=checkpoint, config=config.collection(seed, turn))
         selection = select(session, episodes=rollouts, config=config.select)
         if finding := _findings(session, selection):
             return replace(data, findings=(*data.findings, *finding))
         augmentation = (config.augment_retraining or config.augment) if method.augments else None
-        data = _data(session, config, demonstrations, augmentation, (*data.selections, selection))
+        data = _data(session, config, demonstrations, augmentation, (*data.selections, (rollouts, selection)))
     return data
 
 
@@ -167,7 +176,7 @@ def _data(
     config: LoopConfig,
     demonstrations: ArtifactRef,
     augmentation: AugmentConfig | None,
-    selections: tuple[ArtifactRef, ...] = (),
+    selections: tuple[_Selected, ...] = (),
 ) -> _Data:
     """Demonstrations, what models have achieved themselves, and corrective episodes if any are wanted and found."""
     if augmentation is None:

@@ -21,6 +21,7 @@ from juicer.tasks.specification import Randomness
 from juicer.tasks.task_name import TaskName
 from juicer.text import printable
 from juicer.training.config import OriginalStateNoise, PhysicalStateNoise, TrainingConfig, WindowConfig
+from juicer.training.mixing import DatasetConfig
 from stages.augment import AugmentConfig
 from stages.collect import CollectConfig, CollectSection
 from stages.evaluate import EvaluateConfig, EvaluateSection
@@ -86,6 +87,7 @@ class LoopConfig(StrictConfig):
         annotate: How critical states are proposed.
         augment: Corrective episodes of the first training.
         augment_retraining: The same for retraining, if it differs (the paper's one_leg: 50, and then 150).
+        dataset: Which of the episodes that there are in the end are learned from, and how much each counts.
         train: The policies.
         state_noise: What the condition of that name adds to observed states.
         rounds: Turns of collect, select, train in the conditions that collect.
@@ -105,6 +107,7 @@ class LoopConfig(StrictConfig):
     annotate: AnnotationConfig = AnnotationConfig()
     augment: AugmentConfig = AugmentConfig()
     augment_retraining: AugmentConfig | None = None
+    dataset: DatasetConfig = DatasetConfig()
     train: PoliciesConfig = PoliciesConfig()
     state_noise: Annotated[PhysicalStateNoise | OriginalStateNoise, Field(discriminator="kind")] = PhysicalStateNoise()
     rounds: int = Field(default=1, gt=0, le=MOST_ROUNDS)

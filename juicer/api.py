@@ -12,9 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from juicer.errors import ArtifactError, ArtifactNotFound
+from juicer.errors import ArtifactError, ArtifactNotFound, WrongArtifactKind
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from juicer.artifacts.store import ArtifactStore
     from juicer.episode import Episode
     from juicer.rollout import Policy, Reaction
@@ -59,6 +61,14 @@ class Evaluation:
         """Episodes by how they ended."""
         return dict(Counter(row.outcome.value for row in self.rows))
 
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row an episode."""
+        from juicer.storage.frames import frame_of
+        from juicer.storage.tables import EvaluationRow
+
+        return frame_of(self.rows, EvaluationRow)
+
     def __str__(self) -> str:
         """The rate in a sentence, with all that belongs to it."""
         low, high = self.interval
@@ -79,19 +89,21 @@ def open_store(place: str | Path = "data") -> ArtifactStore:
     return ArtifactStore(place)
 
 
-def load_episodes(store: ArtifactStore, id: str) -> EpisodeReader:
+def load_episodes(store: ArtifactStore, id: str, columns: Iterable[str] = ()) -> EpisodeReader:
     """Episodes of an artifact: ``records``, ``read(number)``, and all steps of an array with ``steps(name)``.
 
     Args:
         store: Where it is kept.
         id: Its id, or as much of it as is unique.
+        columns: Ids of artifacts with columns of these episodes, which are read as if they were their own arrays.
 
     Raises:
-        ArtifactError: If there is no such artifact, or it is damaged.
+        ArtifactError: If there is no such artifact, it is damaged, or columns are of other episodes.
     """
     from juicer.storage.episodes import EpisodeReader
 
-    return EpisodeReader(store.open(store.resolve(id, "episodes")))
+    joined = [store.open(store.resolve(each, "columns")) for each in columns]
+    return EpisodeReader(store.open(store.resolve(id, "episodes")), joined)
 
 
 def load_evaluation(store: ArtifactStore, id: str) -> Evaluation:
@@ -108,6 +120,46 @@ def load_evaluation(store: ArtifactStore, id: str) -> Evaluation:
     if not rows or not {"task", "randomness"} <= set(config):
         raise ArtifactError(f"{ref} does not say which task was evaluated; it is of another version of juicer")
     return Evaluation(str(config["task"]), str(config["randomness"]), rows)
+
+
+def load_table(store: ArtifactStore, id: str) -> pd.DataFrame:
+    """Annotations, a selection, a dataset, an evaluation, or the facts about episodes, as a table.
+
+    See :func:`load_episodes` for how an artifact is named.
+
+    Raises:
+        WrongArtifactKind: If the artifact holds no table.
+        ArtifactError: If there is no such artifact, or it is damaged.
+    """
+    from juicer.episode import EpisodeRecord
+    from juicer.storage import dataset, tables
+    from juicer.storage.frames import frame_of
+
+    ref = store.resolve(id)
+    if ref.kind == "episodes":
+        reader = load_episodes(store, ref.id)
+        return frame_of(reader.records, EpisodeRecord, length=reader.lengths.tolist())
+    if ref.kind == "annotations":
+        return frame_of(tables.read_annotations(store.open(ref)), tables.Annotation)
+    if ref.kind == "selection":
+        return frame_of(tables.read_selection(store.open(ref)), tables.SelectionRow)
+    if ref.kind == "dataset":
+        return frame_of(dataset.read_dataset(store.open(ref)), dataset.DatasetRow)
+    if ref.kind == "evaluation":
+        return frame_of(tables.read_evaluation(store.open(ref)), tables.EvaluationRow)
+    raise WrongArtifactKind(f"{ref} holds no table; episodes, annotations, selections, datasets and evaluations do")
+
+
+def load_recordings(store: ArtifactStore, id: str) -> pd.DataFrame:
+    """What became of each operator log behind demonstrations, a row a log, see :func:`load_episodes`.
+
+    Raises:
+        ArtifactError: If there is no such artifact, it is damaged, or was not made of logs.
+    """
+    from juicer.storage.frames import frame_of
+    from juicer.storage.recordings import Recording, read_recordings
+
+    return frame_of(read_recordings(store.open(store.resolve(id, "episodes"))), Recording)
 
 
 def load_policy(store: ArtifactStore, id: str, task: str, device: str = "cpu") -> Policy:

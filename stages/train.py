@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
 from pydantic import Field
 
 from juicer.artifacts.manifest import FINDING
 from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
 from juicer.config import Seed, StrictConfig
-from juicer.episode import OBSERVATION_KEYS
-from juicer.errors import NothingLeft
 from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
-from juicer.policy.tasks import Tasks, as_shown
 from juicer.storage.curves import CurveWriter
+from juicer.storage.dataset import DatasetRow, grouped, read_dataset
 from juicer.storage.episodes import EpisodeReader
-from juicer.storage.tables import read_selection
 from juicer.tasks.registry import TASK_NAMES, get_task
 from juicer.tasks.specification import MOUNTED_COSINE, MOUNTED_M
 from juicer.training.config import TrainingConfig
-from juicer.training.windows import TrainingEpisodes
+from juicer.training.reading import read_episodes
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
 
@@ -38,35 +34,22 @@ class TrainConfig(StrictConfig):
     seed: Seed = Field(default=0, description="root of initial weights, split, order and noise")
 
 
-@stage(
-    kind="checkpoint",
-    inputs={"episodes": "episodes", "selections": "selection"},
-    libraries=("numpy", "torch"),
-)
-def train(
-    context: StageContext,
-    *,
-    episodes: tuple[ArtifactRef, ...],
-    selections: tuple[ArtifactRef, ...] = (),
-    config: TrainConfig,
-) -> None:
-    """Train a policy on whole artifacts of episodes and on the kept episodes of selections.
+@stage(kind="checkpoint", inputs={"dataset": "dataset"}, libraries=("numpy", "torch"))
+def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -> None:
+    """Train a policy on the episodes of a dataset.
 
     If they show several tasks, it is one policy for all of them, which is told the task.
     """
     from juicer.policy.checkpoint import save_checkpoint  # torch takes seconds to import
     from juicer.training.trainer import train as train_policy
 
-    sources = [_Source(context.store.open(ref, "episodes"), ref.id, None) for ref in episodes]
-    for ref in selections:
-        (origin,) = context.store.manifest(ref).recipe.inputs["episodes"]
-        kept = [row.episode for row in read_selection(context.store.open(ref, "selection")) if row.keep]
-        sources.append(_Source(context.store.open(origin, "episodes"), origin.id, kept))
-    shown = {source.task for source in sources}
-    tasks = {name: feature_spec(name) for name in TASK_NAMES if name in shown}
+    rows = read_dataset(context.store.open(dataset, "dataset"))
+    shown = {row.task for row in rows}
+    # In the order of the registry, which gives tasks their numbers; one that is not there is refused.
+    tasks = {name: feature_spec(name) for name in sorted(shown, key=[*TASK_NAMES, *shown].index)}
     curves = CurveWriter(context.draft.scratch, context.metrics)
     trained = train_policy(
-        [source.read(tasks) for source in sources],
+        [read_episodes(_open(context.store, group), group, tasks) for group in grouped(rows)],
         config.policy,
         tasks,
         config.training,
@@ -81,7 +64,7 @@ def train(
     context.draft.summary |= {
         "tasks": list(tasks),
         "steps": config.training.steps,
-        **_dataset(trained.use),
+        **_sizes(trained.use),
         **trained.facts,
     }
     if trained.losses:
@@ -104,38 +87,13 @@ def feature_spec(task_name: str) -> FeatureSpec:
     return FeatureSpec(num_parts=len(task.parts), pairs=pairs, mounted_m=MOUNTED_M, mounted_cosine=MOUNTED_COSINE)
 
 
-class _Source:
-    """Episodes of one task to learn from."""
-
-    def __init__(self, folder: Path, artifact: str, kept: list[int] | None) -> None:
-        self._reader = EpisodeReader(folder)
-        self._artifact = artifact
-        self._chosen = list(range(len(self._reader))) if kept is None else kept
-        if not self._chosen:
-            raise NothingLeft(f"episodes/{artifact} holds nothing to learn from; leave it out")
-        self.records = [self._reader.records[index] for index in self._chosen]
-        self.lengths = self._reader.lengths[self._chosen]
-        self.task = self.records[0].task
-
-    def read(self, tasks: Tasks) -> TrainingEpisodes:
-        """The episodes, for a policy that learns these tasks."""
-        reader = self._reader
-        starts = reader.episode_ends - reader.lengths
-        steps = np.concatenate([np.arange(starts[index], reader.episode_ends[index]) for index in self._chosen])
-        return TrainingEpisodes(
-            observations=as_shown({key: reader.steps(key)[steps] for key in OBSERVATION_KEYS}, tasks, self.task),
-            actions=reader.steps("action")[steps],
-            episode_ends=np.cumsum(self.lengths),
-            # A snippet goes with the demonstration it was grown from, lest one validates the other.
-            families=[
-                record.parent or f"{self._artifact}/{index}"
-                for index, record in zip(self._chosen, self.records, strict=True)
-            ],
-            sources=[record.source.value for record in self.records],
-        )
+def _open(store: ArtifactStore, rows: Sequence[DatasetRow]) -> EpisodeReader:
+    """The artifact that some rows of a dataset are of."""
+    columns = [store.open(ArtifactRef("columns", each)) for each in rows[0].columns]
+    return EpisodeReader(store.open(ArtifactRef("episodes", rows[0].episodes)), columns)
 
 
-def _dataset(use: Mapping[str, SourceUse]) -> dict[str, dict[str, int]]:
+def _sizes(use: Mapping[str, SourceUse]) -> dict[str, dict[str, int]]:
     """Size of the data by source, in the form of the paper's Table V, and what the windows make of it."""
     counts = ("episodes", "timesteps", "windows", "validation_windows", "unused_episodes", "unused_timesteps")
     return {name: {source: getattr(counted, name) for source, counted in use.items()} for name in counts}

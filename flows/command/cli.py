@@ -180,6 +180,21 @@ def lineage(artifact: ArtifactId, as_json: AsJson = False) -> None:
 
 
 @app.command()
+def labels(
+    artifact: ArtifactId,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Labels file to write, CSV or YAML by its ending.")],
+    numbered: Annotated[
+        Path | None,
+        typer.Option("--numbered", help="Labels file of an earlier juicer, whose numbers are those of the episodes."),
+    ] = None,
+) -> None:
+    """Write the critical states of annotations as a labels file, to correct them by hand."""
+    from flows.command.labels import write_labels_file
+
+    write_labels_file(artifact, file, numbered)
+
+
+@app.command()
 def verify(
     artifact: Annotated[str | None, typer.Argument(metavar="[ID]", help="Artifact; all if left out.")] = None,
     as_json: AsJson = False,
@@ -231,7 +246,10 @@ def replay(
     episodes: Annotated[
         str, typer.Argument(metavar="EPISODES", help="Id of episodes or of an evaluation, or its first letters.")
     ],
-    episode: Annotated[int, typer.Option("--episode", "-k", help="Which episode, counted from 0.")] = 0,
+    episode: Annotated[
+        str,
+        typer.Option("--episode", "-k", help="Which one: its number, counted from 0, its id, or the name of its log."),
+    ] = "0",
     video: Annotated[
         Path | None,
         typer.Option("--video", help="Video to write, EPISODES-EPISODE.mp4 if left out; stills go beside it as PNG."),

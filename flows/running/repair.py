@@ -60,7 +60,8 @@ def repair(session: Session, ref: ArtifactRef, folder: Path | None = None) -> It
             yield Repaired(waiting.pop(), False, _newest(session, current, before))
         else:
             manifest = _manifest(session, current, is_asked_for=current == ref)
-            parent = next((each for each in manifest.recipe.parents if not _is_usable(session, each, current)), None)
+            read = _read_by(session, manifest.recipe)
+            parent = next((each for each in read if not _is_usable(session, each, current)), None)
             if parent is not None:
                 waiting.append(parent)
                 continue
@@ -142,6 +143,14 @@ def _manifest(session: Session, ref: ArtifactRef, *, is_asked_for: bool) -> Mani
             f"the manifest of {ref} is unusable, and with it what it was made from; nothing was deleted: all of it is "
             f"now in '{aside}'; run the flow that made it again, and delete that folder when you need it no more"
         ) from None
+
+
+def _read_by(session: Session, recipe: Recipe) -> Iterator[ArtifactRef]:
+    """What a stage reads: its inputs, and behind a dataset, which is only an index, the episodes that it names."""
+    for ref in recipe.parents:
+        yield ref
+        if ref.kind == "dataset":
+            yield from session.store.manifest(ref).recipe.parents
 
 
 def _is_usable(session: Session, parent: ArtifactRef, child: ArtifactRef) -> bool:

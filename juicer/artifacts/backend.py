@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Protocol
 
@@ -57,11 +57,16 @@ class Backend(Protocol):
         ...
 
     def problems(self, ref: ArtifactRef) -> list[Finding]:
-        """Everything that is wrong with a committed artifact."""
+        """Everything that is wrong with a committed artifact, to the last byte."""
         ...
 
-    def open(self, ref: ArtifactRef) -> Path:
+    def open(self, ref: ArtifactRef, read: Collection[str] | None = None) -> Path:
         """Local folder with all files of a committed artifact, compared with its manifest just now.
+
+        Args:
+            ref: The artifact.
+            read: Paths of the files that are going to be read, whose contents count; all if None. See
+                :func:`~juicer.artifacts.integrity.find_obstacles`.
 
         Raises:
             TroubleError: If they differ.

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import errno
-import hashlib
 import os
 import stat
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
+from juicer.artifacts.contents import checked_when_read, digest, known_digest
 from juicer.artifacts.findings import Finding, Nature, is_litter
 from juicer.artifacts.manifest import MANIFEST_NAME, FileEntry
 from juicer.errors import ArtifactError
-from juicer.reading import open_plain
 from juicer.text import printable
+
+Digest = Callable[[Path], str]
+"""Gives the SHA-256 of a file."""
 
 
 def describe_files(folder: Path) -> tuple[FileEntry, ...]:
@@ -29,17 +31,47 @@ def describe_files(folder: Path) -> tuple[FileEntry, ...]:
     for path in paths:
         if not _is_plain(folder / path):
             raise ArtifactError(f"'{printable(path)}' cannot be part of an artifact: only plain files can")
-    return tuple(_describe(folder, path) for path in paths)
+    return tuple(FileEntry(path, (folder / path).stat().st_size, digest(folder / path)) for path in paths)
 
 
 def find_problems(folder: Path, expected: Sequence[FileEntry]) -> list[Finding]:
-    """Compare a folder with the files it should hold; every difference is one finding that names the file."""
+    """Compare a folder with the files it should hold, to the last byte.
+
+    Returns:
+        A finding that names the file for every difference.
+    """
+    return _find(folder, expected, lambda entry: digest)
+
+
+def find_obstacles(folder: Path, expected: Sequence[FileEntry], read: Collection[str] | None = None) -> list[Finding]:
+    """Compare a folder with the files it should hold, as far as is needed before it is read.
+
+    Every file must be there, of its size and readable, and none else. Contents are compared once a process; not at all
+    those of array chunks with checksums of their own, which whoever reads the array compares.
+
+    Args:
+        folder: The folder.
+        expected: The files it should hold.
+        read: Paths of the files that are going to be read; all if None.
+
+    Returns:
+        A finding that names the file for every difference.
+    """
+    trusted = checked_when_read(folder, [entry.path for entry in expected])
+
+    def choose(entry: FileEntry) -> Digest | None:
+        return None if entry.path in trusted or (read is not None and entry.path not in read) else known_digest
+
+    return _find(folder, expected, choose)
+
+
+def _find(folder: Path, expected: Sequence[FileEntry], choose: Callable[[FileEntry], Digest | None]) -> list[Finding]:
     known = {entry.path for entry in expected} | {MANIFEST_NAME}
     needed = _folders_above(known)
     unread: list[Finding] = []
     present = sorted(_walk(folder, unread, known | needed))
     inhabited = _folders_above(entry.path for entry in present)
-    findings = [finding for entry in expected if (finding := _compare(folder, entry))]
+    findings = [finding for entry in expected if (finding := _compare(folder, entry, choose(entry)))]
     for entry in present:
         if entry.path in needed and not entry.is_folder:
             findings.append(Finding(Nature.DAMAGE, f"folder '{printable(entry.path)}' was replaced by something else"))
@@ -78,14 +110,17 @@ def sync(path: Path) -> None:
         os.close(descriptor)
 
 
-def _compare(folder: Path, entry: FileEntry) -> Finding | None:
+def _compare(folder: Path, entry: FileEntry, digest: Digest | None) -> Finding | None:
     path, name = folder / entry.path, printable(entry.path)
     try:
         if not _is_plain(path):
             return Finding(Nature.DAMAGE, f"file '{name}' was replaced by something else")
         if (size := path.stat().st_size) != entry.bytes:
             return wrong_size(entry, size)
-        if _describe(folder, entry.path) != entry:
+        if digest is None:
+            if not os.access(path, os.R_OK):
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        elif digest(path) != entry.sha256:
             return Finding(Nature.DAMAGE, f"file '{name}' has other content than when it was written")
     except (FileNotFoundError, NotADirectoryError):
         return Finding(Nature.DAMAGE, f"file '{name}' is missing")
@@ -139,9 +174,3 @@ def _folders_above(paths: Iterable[str]) -> set[str]:
 
 def _is_plain(path: Path) -> bool:
     return stat.S_ISREG(path.lstat().st_mode)
-
-
-def _describe(folder: Path, path: str) -> FileEntry:
-    with open_plain(folder / path) as file:
-        digest = hashlib.file_digest(file, "sha256")
-        return FileEntry(path, file.tell(), digest.hexdigest())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import count
@@ -20,14 +20,17 @@ from juicer.artifacts.findings import (
     raise_worst,
     unreadable,
 )
-from juicer.artifacts.integrity import find_problems, sync, sync_tree
-from juicer.artifacts.manifest import MANIFEST_NAME, MOST_BYTES, Manifest
+from juicer.artifacts.integrity import find_obstacles, find_problems, sync, sync_tree
+from juicer.artifacts.manifest import MANIFEST_NAME, MOST_BYTES, FileEntry, Manifest
 from juicer.artifacts.ref import KINDS, ArtifactRef, is_id
 from juicer.artifacts.workspace import Workspace, discard_tree
 from juicer.errors import ArtifactError
 from juicer.reading import UnsuitableFile, read_bounded
 
 logger = logging.getLogger(__name__)
+
+Find = Callable[[Path, Sequence[FileEntry]], list[Finding]]
+"""Compares a folder with the files it should hold."""
 
 
 @dataclass(frozen=True)
@@ -85,17 +88,16 @@ class LocalBackend:
         return _read(self.folder(ref))
 
     def problems(self, ref: ArtifactRef) -> list[Finding]:
-        """Everything that is wrong with a committed artifact."""
-        findings = _problems_in(self.folder(ref), ref)
-        if is_as_written(findings):
-            return findings
-        # It may have been replaced while it was looked at.
-        again = _problems_in(self.folder(ref), ref)
-        return again if is_as_written(again) else findings
+        """Everything that is wrong with a committed artifact, to the last byte."""
+        return self._look(ref, find_problems)
 
-    def open(self, ref: ArtifactRef) -> Path:
+    def obstacles(self, ref: ArtifactRef, read: Collection[str] | None = None) -> list[Finding]:
+        """What keeps a committed artifact from being read; see :meth:`open`."""
+        return self._look(ref, lambda folder, expected: find_obstacles(folder, expected, read))
+
+    def open(self, ref: ArtifactRef, read: Collection[str] | None = None) -> Path:
         """Folder of the artifact, compared with its manifest; see :class:`~juicer.artifacts.backend.Backend`."""
-        raise_worst(self.problems(ref))
+        raise_worst(self.obstacles(ref, read))
         return self.folder(ref)
 
     def recover(self, ref: ArtifactRef) -> bool:
@@ -104,7 +106,7 @@ class LocalBackend:
         if self.exists(ref) or not os.path.isdir(grave):  # noqa: PTH112 (says no where it may not look)
             return self.exists(ref)
         # What is not whole was about to be deleted, after its successor had been published.
-        if not is_as_written(_problems_in(grave, ref)):
+        if not is_as_written(_found_in(grave, ref, find_problems)):
             return False
         self.folder(ref).parent.mkdir(parents=True, exist_ok=True)
         grave.rename(self.folder(ref))
@@ -190,6 +192,14 @@ class LocalBackend:
             return [str(path) for path in sorted(holder.iterdir(), key=lambda path: (len(path.name), path.name))]
         return []
 
+    def _look(self, ref: ArtifactRef, find: Find) -> list[Finding]:
+        findings = _found_in(self.folder(ref), ref, find)
+        if is_as_written(findings):
+            return findings
+        # It may have been replaced while it was looked at.
+        again = _found_in(self.folder(ref), ref, find)
+        return again if is_as_written(again) else findings
+
     def _clear(self, ref: ArtifactRef) -> Path:
         """Make room for a successor; gives where the artifact waits, to be deleted or kept."""
         if not is_as_written(self.problems(ref)):
@@ -245,9 +255,9 @@ def _read(folder: Path) -> bytes:
         raise unreadable(f"file '{MANIFEST_NAME}' cannot be read ({error.strerror})") from None
 
 
-def _problems_in(folder: Path, ref: ArtifactRef) -> list[Finding]:
+def _found_in(folder: Path, ref: ArtifactRef, find: Find) -> list[Finding]:
     try:
-        return find_problems(folder, parse_manifest(_read(folder), ref).files)
+        return find(folder, parse_manifest(_read(folder), ref).files)
     except TroubleError as trouble:
         return [trouble.finding]
 

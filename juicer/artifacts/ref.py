@@ -7,7 +7,17 @@ from dataclasses import dataclass
 
 from juicer.errors import ArtifactNotFound, did_you_mean
 
-KINDS = ("logs", "episodes", "annotations", "selection", "checkpoint", "evaluation", "report")
+KINDS = (
+    "logs",
+    "episodes",
+    "columns",
+    "annotations",
+    "selection",
+    "dataset",
+    "checkpoint",
+    "evaluation",
+    "report",
+)
 """Every kind of artifact."""
 
 ID_LENGTH = 16

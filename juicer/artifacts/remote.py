@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import uuid
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,17 +85,19 @@ class RemoteBackend:
                 raise damaged(f"file '{MANIFEST_NAME}' is missing") from None
 
     def problems(self, ref: ArtifactRef) -> list[Finding]:
-        """Download everything and compare it with the manifest."""
+        """Download everything and compare it with the manifest; a damaged copy in the cache goes aside."""
         with self.work.lock(ref.id):
+            if any(finding.nature is Nature.DAMAGE for finding in self._problems_of_copy(ref)):
+                self.cache.set_aside(ref)
             return self._inspect(ref)
 
-    def open(self, ref: ArtifactRef) -> Path:
+    def open(self, ref: ArtifactRef, read: Collection[str] | None = None) -> Path:
         """Cached copy, downloaded unless it is there and whole; see :class:`~juicer.artifacts.backend.Backend`."""
         manifest = read_manifest(self, ref)
-        if not self._is_cached(manifest):
+        if not self._is_cached(manifest, read):
             with self.work.lock(ref.id):
                 # Another process may have downloaded it while this one waited.
-                if not self._is_cached(manifest):
+                if not self._is_cached(manifest, read):
                     self._cache(manifest)
         return self.cache.folder(ref)
 
@@ -225,12 +227,15 @@ class RemoteBackend:
         finally:
             delete_tree(self.work.draft(ref.id))
 
-    def _is_cached(self, manifest: Manifest) -> bool:
+    def _problems_of_copy(self, ref: ArtifactRef) -> list[Finding]:
+        return self.cache.problems(ref) if self.cache.exists(ref) else []
+
+    def _is_cached(self, manifest: Manifest, read: Collection[str] | None) -> bool:
         """Whether the cache holds this very artifact: a repaired one has the same id but another manifest."""
         ref = manifest.ref
         return (
             self.cache.exists(ref)
-            and is_as_written(self.cache.problems(ref))
+            and is_as_written(self.cache.obstacles(ref, read))
             and read_manifest(self.cache, ref) == manifest
         )
 

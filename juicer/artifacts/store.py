@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -129,10 +129,17 @@ class ArtifactStore:
                         backend.commit(draft.path, manifest, replacing=replacing)
             discard_tree(draft.scratch)
 
-    def open(self, ref: ArtifactRef, kind: str | None = None) -> Path:
-        """Folder of an artifact, after every file was found to be as it was written.
+    def open(self, ref: ArtifactRef, kind: str | None = None, *, read: Collection[str] | None = None) -> Path:
+        """Folder of an artifact, after its files were found to be as they were written.
 
-        What operating systems and editors leave behind is overlooked: no reader asks for files of such names.
+        All must be there, of their sizes, and none else but what operating systems and editors leave behind: no reader
+        asks for files of such names. Contents are compared once a process; those of array chunks, which have checksums
+        of their own, by whoever reads the array. :meth:`verify` compares everything.
+
+        Args:
+            ref: The artifact.
+            kind: Of which kind it must be, if that matters.
+            read: Paths of the only files that are going to be read; other contents are not compared then.
 
         Raises:
             ArtifactNotFound: If there is no such artifact.
@@ -143,7 +150,7 @@ class ArtifactStore:
         """
         self._check_kind(ref, kind)
         with self._requiring(ref) as backend, explained(self.cache):
-            return backend.open(ref)
+            return backend.open(ref, read)
 
     def manifest(self, ref: ArtifactRef) -> Manifest:
         """Description of an artifact.
@@ -212,7 +219,7 @@ class ArtifactStore:
         return wanted[0]
 
     def verify(self, ref: ArtifactRef) -> Sequence[Finding]:
-        """Everything that is wrong with an artifact; nothing if it is whole.
+        """Everything that is wrong with an artifact, to the last byte; nothing if it is whole.
 
         Raises:
             ArtifactNotFound: If there is no such artifact.

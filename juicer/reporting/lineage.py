@@ -47,6 +47,7 @@ def label_of(manifest: Manifest) -> str:
         "augment": ("snippets", "snippets"),
         "collect": ("episodes", "rollouts"),
         "select": ("kept", "kept"),
+        "dataset": ("episodes", "episodes"),
         "train": ("steps", "steps"),
     }
     key, noun = nouns.get(manifest.recipe.stage, ("", ""))

@@ -26,7 +26,7 @@ from juicer.reporting.content import (
     TrainingCurve,
 )
 from juicer.reporting.lineage import ancestors_of, checkpoint_of, nodes_of, read_lineage
-from juicer.storage.curves import read_curves
+from juicer.storage.curves import CURVES_FILE, read_curves
 from juicer.storage.tables import EvaluationRow, read_evaluation
 from juicer.tasks.registry import get_task
 
@@ -108,7 +108,7 @@ class Sources:
         """One for every checkpoint."""
         for manifest in self._of_stage("train"):
             try:
-                curves = read_curves(self._store.open(manifest.ref))
+                curves = read_curves(self._store.open(manifest.ref, read=[CURVES_FILE]))
             except ArtifactError as error:
                 self.problems.append(f"No curves of {manifest.ref}: {error}.")
                 continue

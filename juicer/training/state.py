@@ -47,6 +47,7 @@ def training_identity(episodes: TrainingEpisodes, settings: Mapping[str, object]
     digest.update(episodes.actions.tobytes())
     digest.update(episodes.episode_ends.tobytes())
     digest.update("\n".join(episodes.families).encode())
+    digest.update(canonical_json({"weights": list(episodes.weights)}).encode())
     return digest.hexdigest()
 
 

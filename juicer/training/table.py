@@ -125,12 +125,17 @@ class WindowTable:
 class BatchOrder:
     """Which windows each training step sees: every window once an epoch, shuffled anew.
 
+    If they have weights, an epoch draws as many windows as there are, each with a chance in proportion to its weight.
+
     The rows of a step are a function of the seed and the step alone, so that a resumed training needs no memory
     of the order.
     """
 
-    def __init__(self, num_windows: int, batch_size: int, seed: int) -> None:
+    def __init__(
+        self, num_windows: int, batch_size: int, seed: int, weights: NDArray[np.float64] | None = None
+    ) -> None:
         self._num_windows = num_windows
+        self._chances = None if weights is None else weights / weights.sum()
         self._batch_size = batch_size
         self._seed = seed
         self._epoch = -1
@@ -150,5 +155,7 @@ class BatchOrder:
     def _shuffle(self, epoch: int) -> NDArray[np.int64]:
         if epoch != self._epoch:
             self._epoch = epoch
-            self._shuffled = stream(self._seed, "order", epoch).permutation(self._num_windows)
+            rng, number = stream(self._seed, "order", epoch), self._num_windows
+            chances = self._chances
+            self._shuffled = rng.permutation(number) if chances is None else rng.choice(number, number, p=chances)
         return self._shuffled

@@ -25,7 +25,7 @@ from juicer.training.state import TrainingState, load_state, save_state, trainin
 from juicer.training.table import BatchOrder, WindowTable
 from juicer.training.use import SourceUse, check_use, measure_use, notable_losses
 from juicer.training.validation import validate
-from juicer.training.windows import TrainingEpisodes, Windows, concatenate, cut_windows, split_episodes
+from juicer.training.windows import TrainingEpisodes, Windows, concatenate, cut_windows, split_episodes, window_weights
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def train(
     """Train a policy by imitation.
 
     Args:
-        sources: Episodes to imitate; windows of all sources are equally likely.
+        sources: Episodes to imitate; all windows are equally likely, unless episodes have weights.
         policy: What the policy is made of.
         tasks: Assembly tasks that the episodes show.
         config: How to train.
@@ -94,7 +94,8 @@ def train(
         network = build_policy(policy, tasks, torch_seed(seed, "weights")).to(torch_device)
         tables = build_tables(episodes, (learned, held_out), network, config, seed, torch_device)
         learner = Learner(network, config, seed, torch_device)
-        loop = _Loop(learner, tables, config, seed, metrics or NullMetricSink())
+        order = BatchOrder(len(tables.learned), config.batch_size, seed, window_weights(episodes, learned))
+        loop = _Loop(learner, tables, config, order, metrics or NullMetricSink())
         identity = training_identity(episodes, _settings(policy, tasks, config, seed))
         facts = loop.run(identity, scratch, progress)
     metadata = CheckpointMetadata(
@@ -159,13 +160,13 @@ class _Loop:
     """Steps, reports, validations and saves in their order."""
 
     def __init__(
-        self, learner: Learner, tables: TrainingTables, config: TrainingConfig, seed: int, metrics: MetricSink
+        self, learner: Learner, tables: TrainingTables, config: TrainingConfig, order: BatchOrder, metrics: MetricSink
     ) -> None:
         self._learner = learner
         self._tables = tables
         self._config = config
         self._metrics = metrics
-        self._order = BatchOrder(len(tables.learned), config.batch_size, seed)
+        self._order = order
         self._loss_sum = torch.zeros(())
         self._facts = {
             "num_parameters": float(learner.network.num_parameters),

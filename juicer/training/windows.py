@@ -24,6 +24,8 @@ class TrainingEpisodes:
         families: ``(N,)`` a label for each episode; those with the same label stay on the same side of the
             split. A snippet grown from a demonstration belongs to the demonstration's family.
         sources: ``(N,)`` where each episode comes from, e.g. ``teleop``; only to tell what became of them.
+        weights: ``(N,)`` how often each window of an episode is learned from, as compared with those of others; all
+            alike if empty.
     """
 
     observations: Mapping[str, NDArray[np.float32]]
@@ -31,6 +33,7 @@ class TrainingEpisodes:
     episode_ends: NDArray[np.int64]
     families: Sequence[str]
     sources: Sequence[str]
+    weights: Sequence[float] = ()
 
     def __post_init__(self) -> None:
         """Check that the arrays agree in length."""
@@ -41,6 +44,8 @@ class TrainingEpisodes:
         for thing, labels in {"family": self.families, "source": self.sources}.items():
             if len(labels) != len(self.episode_ends):
                 raise TrainingFailed(f"{len(self.episode_ends)} episodes need a {thing} each, got {len(labels)}")
+        if len(self.weights) not in (0, len(self.episode_ends)):
+            raise TrainingFailed(f"{len(self.episode_ends)} episodes need a weight each, got {len(self.weights)}")
 
 
 def concatenate(parts: Sequence[TrainingEpisodes]) -> TrainingEpisodes:
@@ -60,6 +65,7 @@ def concatenate(parts: Sequence[TrainingEpisodes]) -> TrainingEpisodes:
         episode_ends=np.concatenate([part.episode_ends + start for part, start in zip(parts, starts, strict=False)]),
         families=[family for part in parts for family in part.families],
         sources=[source for part in parts for source in part.sources],
+        weights=[weight for part in parts for weight in part.weights or [1.0] * len(part.episode_ends)],
     )
 
 
@@ -83,6 +89,14 @@ def split_episodes(
     chosen = {names[index] for index in rng.permutation(len(names))[:held_out]}
     is_held_out = np.array([family in chosen for family in families])
     return np.flatnonzero(~is_held_out), np.flatnonzero(is_held_out)
+
+
+def window_weights(episodes: TrainingEpisodes, windows: Windows) -> NDArray[np.float64] | None:
+    """How often each window is learned from as compared with others ``(W,)``; None if all are alike."""
+    weights = np.array(episodes.weights, dtype=np.float64)
+    if len(set(weights.tolist())) < 2:
+        return None
+    return weights[np.searchsorted(episodes.episode_ends, windows.obs_steps[:, -1], side="right")]
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,16 @@
 """Names of the stages."""
 
-STAGES = ("record", "ingest", "annotate", "augment", "memorise", "train", "collect", "select", "evaluate", "report")
+STAGES = (
+    "record",
+    "ingest",
+    "annotate",
+    "augment",
+    "memorise",
+    "dataset",
+    "train",
+    "collect",
+    "select",
+    "evaluate",
+    "report",
+)
 """In the order of the loop."""

@@ -17,7 +17,7 @@ from stages.tracking.journal import END, FINISHED, MADE, METRICS, RESULT, RESUME
 
 logger = logging.getLogger(__name__)
 
-DATA_KINDS = ("logs", "episodes", "annotations", "selection")
+DATA_KINDS = ("logs", "episodes", "columns", "annotations", "selection", "dataset")
 """Kinds that appear as datasets; a condition's run shows those of all its models."""
 
 

@@ -1,4 +1,8 @@
-"""Whatever happens to the files of an artifact is noticed when it is opened or verified."""
+"""Whatever happens to the files of an artifact is noticed: when it is verified, and before anything wrong is read.
+
+Most is noticed when it is opened. Chunks of arrays, of which there may be gigabytes, are compared with their checksums
+when they are read; that they are there, and of their sizes, is noticed at the opening too.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +24,9 @@ from juicer.artifacts.ref import KINDS, ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.config import canonical_json
 from juicer.errors import ArtifactError, DamagedArtifact, StrayFile, UnreadableArtifact
+from juicer.storage.columns import ColumnReader
+from juicer.storage.episodes import EpisodeReader
+from juicer.storage.tables import EXAMPLES
 
 Make = Callable[..., ArtifactRef]
 
@@ -198,6 +205,10 @@ def test_an_artifact_that_lost_everything_but_its_folder_is_damaged(
 MOST_WORDS = 1000
 
 
+def is_chunk(path: str) -> bool:
+    return ".zarr/" in path and "/c/" in path
+
+
 @pytest.fixture(scope="module")
 def kinds(every_kind: ArtifactStore, tmp_path_factory: pytest.TempPathFactory) -> ArtifactStore:
     """A copy of the store with an artifact of every kind, of this module's own."""
@@ -232,11 +243,25 @@ def damaged(store: ArtifactStore, ref: ArtifactRef, damages: tuple[Callable[[Pat
     shutil.rmtree(whole)
 
 
+def use(store: ArtifactStore, ref: ArtifactRef) -> None:
+    """Open an artifact and read all of its arrays; whatever else it holds is compared when it is opened."""
+    folder = store.open(ref)
+    if ref.kind == "columns":
+        columns = ColumnReader(folder)
+        for name in columns.schema.names():
+            columns.steps(name)
+    for place in (folder, folder / EXAMPLES):
+        if (place / "episodes.zarr").exists():
+            episodes = EpisodeReader(place)
+            for index in range(len(episodes)):
+                episodes.read(index)
+
+
 def complaint(store: ArtifactStore, ref: ArtifactRef, error_type: type[ArtifactError]) -> str:
     """The sentence with which an artifact is refused; nothing in the store may change by that."""
     before = state(store.cache)
     with pytest.raises(error_type) as caught:
-        store.open(ref)
+        use(store, ref)
     assert state(store.cache) == before
     sentence = str(caught.value)
     assert sentence.isprintable()
@@ -254,7 +279,10 @@ def test_every_damage_to_every_file_of_every_kind_is_noticed_and_nothing_is_touc
             assert kinds.verify(ref) == []
             continue
         assert any(finding.nature is Nature.DAMAGE for finding in kinds.verify(ref)), case
-        assert f"recompute it with `juicer repair {ref.id}`" in complaint(kinds, ref, DamagedArtifact)
+        assert f"recompute it with `juicer repair {ref.id}`" in complaint(kinds, ref, DamagedArtifact), case
+        if not (is_chunk(case) and case.startswith(("zero", "flip"))):
+            with pytest.raises(DamagedArtifact):
+                kinds.open(ref)
     assert all(kinds.verify(each) == [] for each in kinds.refs())
 
 
@@ -339,6 +367,9 @@ def test_whatever_a_forged_manifest_says_is_refused_in_one_sentence(kinds: Artif
     for name, change in EDITS.items():
         path.write_text(resealed(text, change))
         assert kinds.verify(ref), name
+        if name == "file of another content" and is_chunk(json.loads(text)["files"][0]["path"]):
+            # A chunk that is whole by its own checksum is read, whatever else is said of it.
+            continue
         error_type = {"later": UnreadableArtifact, "file left out": StrayFile}.get(name, DamagedArtifact)
         complaint(kinds, ref, error_type)
         assert [manifest.ref for manifest in kinds.list(kind)] in ([], [ref]), name
@@ -411,5 +442,7 @@ def test_damage_by_rights_is_not_taken_for_damage(
             try:
                 natures = as_nobody(lambda ref=ref: {finding.nature for finding in store.verify(ref)})
                 assert natures == {Nature.UNREADABLE}, path
+                with pytest.raises(UnreadableArtifact):
+                    as_nobody(lambda ref=ref: store.open(ref))
             finally:
                 path.chmod(before)

@@ -150,6 +150,19 @@ def test_a_damaged_copy_in_the_cache_is_replaced(
     assert (store.open(ref) / "a.bin").read_bytes() == payload["a.bin"]
 
 
+def test_a_chunk_that_the_cache_lost_is_downloaded_again_after_a_look_at_everything(
+    store: ArtifactStore, recipe: Recipe, make: Make
+) -> None:
+    array = b'{"codecs": [{"name": "crc32c"}]}'
+    ref = make(store, recipe, {"x.zarr/a/zarr.json": array, "x.zarr/a/c/0": b"chunk"})
+    chunk = store.open(ref) / "x.zarr/a/c/0"
+    chunk.write_bytes(b"CHUNK")
+    # Whoever reads the array finds it.
+    store.open(ref)
+    assert store.verify(ref) == []
+    assert (store.open(ref) / "x.zarr/a/c/0").read_bytes() == b"chunk"
+
+
 def test_a_repaired_artifact_replaces_the_copies_of_the_old_one(
     store: ArtifactStore, elsewhere: ArtifactStore, recipe: Recipe, make: Make
 ) -> None:

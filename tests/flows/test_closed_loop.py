@@ -61,7 +61,7 @@ def test_closed_loop_is_reused_whole_and_a_dry_run_says_so(closed):
     folder, outcome = closed
     told = json.loads(juicer(folder, *RUN, "--dry-run", "--json")[0])
     assert (told["computed"], told["seconds"]) == (0, 0)
-    assert told["reused"] == len(told["calls"]) == 10
+    assert told["reused"] == len(told["calls"]) == 12
     out, err = juicer(folder, *RUN, "--json")
     assert json.loads(out) == outcome
     assert "starting a Prefect server" not in err

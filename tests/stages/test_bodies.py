@@ -19,13 +19,14 @@ from juicer.augmentation.config import ToleranceConfig
 from juicer.config import read_mapping
 from juicer.demonstration.ingestion import IngestionConfig
 from juicer.demonstration.log import write_log
-from juicer.episode import Outcome
+from juicer.episode import SIMULATOR, Outcome, Role, Schema
 from juicer.errors import (
     ArtifactError,
     ConfigError,
     InvalidCheckpoint,
     NothingLeft,
     RenderingUnavailable,
+    StateMissing,
     TrainingFailed,
     WrongArtifactKind,
 )
@@ -38,9 +39,11 @@ from juicer.storage.curves import read_curves
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.storage.tables import read_annotations, read_evaluation, read_selection, write_evaluation
 from juicer.training.config import TrainingConfig, WindowConfig
+from juicer.training.mixing import DatasetConfig
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import CollectConfig, collect
+from stages.dataset import dataset
 from stages.evaluate import EvaluateConfig, evaluate
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
@@ -98,10 +101,16 @@ def loop(tmp_path_factory, logs):
     demonstrations = ingest(session, files=logs, config=INGEST)
     annotations = annotate(session, episodes=demonstrations, config=AnnotationConfig())
     corrective = augment(session, episodes=demonstrations, annotations=annotations, config=AUGMENT)
-    checkpoint = train(session, episodes=(demonstrations, corrective), config=TRAIN)
+    checkpoint = learn(session, demonstrations, corrective)
     rollouts = collect(session, checkpoint=checkpoint, config=COLLECT)
     evaluation = evaluate(session, checkpoint=checkpoint, config=EVALUATE)
     return Loop(session, demonstrations, annotations, corrective, checkpoint, rollouts, evaluation)
+
+
+def learn(session, *episodes, selections=(), config=TRAIN):
+    """Train on a dataset of all that is given."""
+    mixed = dataset(session, episodes=episodes, selections=selections, config=DatasetConfig())
+    return train(session, dataset=mixed, config=config)
 
 
 def summary(loop, ref):
@@ -112,7 +121,7 @@ def test_second_loop_reuses_everything(loop, logs):
     before = loop.store.refs()
     session = replace(loop.session, workers=2, num_envs=3, isolate=True)
     assert ingest(session, files=logs, config=INGEST) == loop.demonstrations
-    assert train(session, episodes=(loop.demonstrations, loop.corrective), config=TRAIN) == loop.checkpoint
+    assert learn(session, loop.demonstrations, loop.corrective) == loop.checkpoint
     assert evaluate(session, checkpoint=loop.checkpoint, config=EVALUATE) == loop.evaluation
     assert loop.store.refs() == before
 
@@ -130,13 +139,14 @@ def test_ingest_counts_what_it_keeps_and_names_what_it_rejects(loop, logs, tmp_p
 
 def test_annotations_name_the_critical_state_of_every_demonstration(loop):
     rows = read_annotations(loop.store.open(loop.annotations))
-    assert [row.episode for row in rows] == [0, 1]
+    assert [row.episode_id for row in rows] == list(EpisodeReader(loop.store.open(loop.demonstrations)).ids)
     assert summary(loop, loop.annotations)["authors"] == {"proposed": 2}
 
 
 def test_labels_of_a_human_override(loop, tmp_path):
     labels = tmp_path / "labels.csv"
-    labels.write_text("episode,step,critical_state\n0,5,0\n")
+    first = EpisodeReader(loop.store.open(loop.demonstrations)).read(0)
+    labels.write_text(f"recording,step,critical_state\n{first.record.log},{first.recorded_step(5)},0\n")
     ref = annotate(loop.session, episodes=loop.demonstrations, labels=labels, config=AnnotationConfig())
     first, second = read_annotations(loop.store.open(ref))
     assert (first.step, first.author, second.author) == (5, "human", "proposed")
@@ -146,8 +156,29 @@ def test_labels_of_a_human_override(loop, tmp_path):
 def test_snippets_know_their_demonstration(loop):
     records = EpisodeReader(loop.store.open(loop.corrective)).records
     assert len(records) == summary(loop, loop.corrective)["snippets"] == 2
-    assert all(record.parent.startswith(loop.demonstrations.id) for record in records)
+    assert {record.parent for record in records} <= set(EpisodeReader(loop.store.open(loop.demonstrations)).ids)
     assert loop.store.lineage(loop.corrective) == [loop.demonstrations, loop.annotations]
+
+
+def test_data_without_simulator_states_is_refused_where_states_are_restored(loop):
+    schema = Schema(tuple(spec for spec in SIMULATOR if spec.role is not Role.STATE))
+    foreign = [
+        replace(
+            episode,
+            steps={name: episode.steps[name] for name in schema.names()},
+            final={name: episode.final[name] for name in schema.ends},
+            schema=schema,
+        )
+        for episode in read_all(loop.store, loop.demonstrations)
+    ]
+    recipe = replace(loop.store.manifest(loop.demonstrations).recipe, config={"of": "another project"})
+    with loop.store.create(recipe) as draft:
+        write_episodes(draft.path, foreign, {})
+    with pytest.raises(StateMissing, match="holds no simulator state"):
+        annotate(loop.session, episodes=recipe.ref, config=AnnotationConfig())
+    with pytest.raises(StateMissing, match="holds no simulator state"):
+        augment(loop.session, episodes=recipe.ref, annotations=loop.annotations, config=AUGMENT)
+    assert learn(loop.session, recipe.ref).kind == "checkpoint"
 
 
 def test_checkpoint_brings_its_curves_and_the_size_of_its_data(loop):
@@ -160,13 +191,18 @@ def test_checkpoint_brings_its_curves_and_the_size_of_its_data(loop):
     assert curves["validation/loss"][0] == (3, 6)
 
 
+def changed(episode, **facts):
+    """Another episode, whose id is its own."""
+    return replace(episode, record=replace(episode.record, **facts, episode_id=""))
+
+
 def test_training_on_a_selection_reads_only_the_kept_episodes(loop, tmp_path, insertions):
     rollouts = loop.store.manifest(loop.rollouts).recipe
-    failed = [replace(insertions[1], record=replace(insertions[1].record, outcome="timeout", source="rollout"))]
-    succeeded = [replace(insertions[0], record=replace(insertions[0].record, source="rollout"))]
+    failed = changed(insertions[1], outcome="timeout", source="rollout")
+    first, second = (changed(insertions[0], source="rollout", seed=seed) for seed in (7, 8))
     recipe = replace(rollouts, config={"made": "by hand"})
     with loop.store.create(recipe) as draft:
-        write_episodes(draft.path, [*failed, *succeeded, *succeeded], {})
+        write_episodes(draft.path, [failed, first, second], {})
     selection = select(loop.session, episodes=recipe.ref, config=SelectConfig(max_episodes=1))
     rows = read_selection(loop.store.open(selection))
     assert [(row.keep, row.reason) for row in rows] == [
@@ -174,18 +210,19 @@ def test_training_on_a_selection_reads_only_the_kept_episodes(loop, tmp_path, in
         (True, "success"),
         (False, "enough successes before it"),
     ]
-    retrained = train(loop.session, episodes=(loop.demonstrations,), selections=(selection,), config=TRAIN)
+    retrained = learn(loop.session, loop.demonstrations, recipe.ref, selections=(selection,))
     assert summary(loop, retrained)["episodes"] == {"teleop": 2, "rollout": 1}
     assert {recipe.ref, selection} <= set(loop.store.lineage(retrained))
 
 
 def test_a_success_that_dawdled_is_not_imitated(loop, insertions):
     recipe = replace(loop.store.manifest(loop.rollouts).recipe, config={"made": "of quick and slow ones"})
-    quick = replace(insertions[0], record=replace(insertions[0].record, source="rollout"))
-    failed = replace(quick, record=replace(quick.record, outcome="timeout"))
-    slow = replace(quick, steps={name: np.concatenate([rows, rows]) for name, rows in quick.steps.items()})
+    quick, another = (changed(insertions[0], source="rollout", seed=seed) for seed in (7, 8))
+    failed = changed(quick, outcome="timeout", seed=9)
+    twice = {name: np.concatenate([rows, rows]) for name, rows in quick.steps.items()}
+    slow = changed(replace(quick, steps=twice), seed=10)
     with loop.store.create(recipe) as draft:
-        write_episodes(draft.path, [slow, quick, failed, quick], {})
+        write_episodes(draft.path, [slow, quick, failed, another], {})
     selection = select(loop.session, episodes=recipe.ref, config=SelectConfig(longest=1.5))
     rows = read_selection(loop.store.open(selection))
     assert [row.keep for row in rows] == [False, True, False, True]
@@ -208,7 +245,7 @@ def test_that_no_rollout_succeeded_is_an_artifact_with_a_reason(loop):
     assert facts["finding"].startswith("no successful rollout to retrain on: none of 2")
     assert [row.reason for row in read_selection(loop.store.open(selection))] == ["timeout", "timeout"]
     with pytest.raises(NothingLeft, match="holds nothing to learn from"):
-        train(loop.session, episodes=(loop.demonstrations,), selections=(selection,), config=TRAIN)
+        learn(loop.session, loop.demonstrations, loop.rollouts, selections=(selection,))
 
 
 def test_an_operator_who_always_fails_is_not_asked_again(loop, monkeypatch):
@@ -241,7 +278,7 @@ def test_attempts_that_gave_no_snippet_are_not_made_again(loop):
     assert augment(loop.session, **inputs) == corrective
     assert loop.store.refs() == before
     with pytest.raises(NothingLeft, match="holds nothing to learn from"):
-        train(loop.session, episodes=(loop.demonstrations, corrective), config=TRAIN)
+        learn(loop.session, loop.demonstrations, corrective)
 
 
 def test_a_checkpoint_tells_how_much_of_its_data_windows_reach(loop):
@@ -267,7 +304,7 @@ def test_a_training_that_most_snippets_are_too_short_for_names_the_settings_to_c
         r"policy\.horizons\.pred.*training\.windows\.back_padding.*augment\.steps_after_gripper_change"
     )
     with pytest.raises(TrainingFailed, match=refusal):
-        train(loop.session, episodes=(loop.demonstrations, loop.corrective), config=config)
+        learn(loop.session, loop.demonstrations, loop.corrective, config=config)
 
 
 def read_all(store, ref):
@@ -300,8 +337,10 @@ def test_evaluation_does_not_depend_on_how_many_episodes_run_beside_each_other(l
 
 
 def test_inputs_of_the_wrong_kind_are_refused(loop):
-    with pytest.raises(WrongArtifactKind, match="stage 'train' needs 'episodes'"):
-        train(loop.session, episodes=(loop.checkpoint,), config=TRAIN)
+    with pytest.raises(WrongArtifactKind, match="stage 'train' needs 'dataset'"):
+        train(loop.session, dataset=loop.demonstrations, config=TRAIN)
+    with pytest.raises(WrongArtifactKind, match="stage 'dataset' needs 'episodes'"):
+        dataset(loop.session, episodes=(loop.checkpoint,), config=DatasetConfig())
     with pytest.raises(WrongArtifactKind, match="stage 'evaluate' needs 'checkpoint'"):
         evaluate(loop.session, checkpoint=loop.demonstrations, config=EVALUATE)
 

@@ -137,3 +137,12 @@ def test_a_batch_may_be_larger_than_the_data():
 def test_episodes_too_short_for_a_window_are_refused(make_table):
     with pytest.raises(TrainingFailed, match=r"raise windows\.back_padding"):
         make_table(lengths=(5, 6), back_padding=0)
+
+
+def test_weights_decide_how_often_a_window_is_learned_from():
+    weights = np.array([1.0] * 50 + [3.0] * 50)
+    order = BatchOrder(100, 64, seed=0, weights=weights)
+    rows = np.concatenate([order.rows(step).numpy() for step in range(400)])
+    assert np.mean(rows >= 50) == pytest.approx(0.75, abs=0.01)
+    again = BatchOrder(100, 64, seed=0, weights=weights)
+    np.testing.assert_array_equal(again.rows(123), order.rows(123))

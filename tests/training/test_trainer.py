@@ -239,3 +239,20 @@ def test_one_policy_learns_several_tasks(episodes, tasks, policy_config, trainin
     assert list(trained.checkpoint.metadata.tasks) == ["toy", "other"]
     assert trained.facts["num_windows"] > 100
     assert trained.checkpoint.weights["encoder.embedding.weight"].shape == (2, policy_config.task_embedding)
+
+
+@pytest.mark.parametrize("weight", [1.0, 0.25])
+def test_weights_that_are_alike_change_nothing(policy_config, training_config, tasks, episodes, weight):
+    plain = train([episodes()], policy_config, tasks, training_config, seed=3)
+    weighed = dataclasses.replace(episodes(), weights=[weight] * 5)
+    assert_equal_checkpoints(
+        train([weighed], policy_config, tasks, training_config, seed=3).checkpoint, plain.checkpoint
+    )
+
+
+def test_weights_change_what_is_learned(policy_config, training_config, tasks, episodes):
+    curves = [Curves(), Curves()]
+    for weight, metrics in zip((1.0, 100.0), curves, strict=True):
+        weighed = dataclasses.replace(episodes(), weights=[1.0, 1.0, 1.0, 1.0, weight])
+        train([weighed], policy_config, tasks, training_config, seed=3, metrics=metrics)
+    assert curves[0].points != curves[1].points

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from juicer.errors import TrainingFailed
 from juicer.policy.config import HorizonConfig
-from juicer.training.windows import TrainingEpisodes, concatenate, cut_windows, split_episodes
+from juicer.training.windows import TrainingEpisodes, concatenate, cut_windows, split_episodes, window_weights
 
 PAPER = HorizonConfig()
 
@@ -106,3 +106,23 @@ def test_arrays_of_different_lengths_are_refused(episodes):
     good = episodes()
     with pytest.raises(TrainingFailed, match="have lengths"):
         TrainingEpisodes(good.observations, good.actions[:-1], good.episode_ends, good.families, good.sources)
+
+
+def weighed(weights):
+    return TrainingEpisodes({}, np.zeros((9, 10), np.float32), np.array([3, 9]), ["a", "b"], ["x", "x"], weights)
+
+
+@pytest.mark.parametrize("weights", [(), (1.0, 1.0), (0.5, 0.5)])
+def test_weights_that_are_alike_are_none(weights):
+    assert window_weights(weighed(weights), cut([3, 6], HorizonConfig(pred=2, action=1), back_padding=1)) is None
+
+
+def test_a_window_has_the_weight_of_its_episode():
+    windows = cut([3, 6], HorizonConfig(pred=2, action=1), back_padding=1)
+    np.testing.assert_array_equal(window_weights(weighed((1.0, 0.25)), windows), [1.0] * 3 + [0.25] * 6)
+
+
+def test_episodes_without_weights_count_as_one_beside_weighed_ones():
+    assert concatenate([weighed(()), weighed((2.0, 3.0))]).weights == [1.0, 1.0, 2.0, 3.0]
+    with pytest.raises(TrainingFailed, match="2 episodes need a weight each, got 1"):
+        weighed((1.0,))

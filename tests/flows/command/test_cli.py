@@ -116,7 +116,7 @@ def test_damage_is_found_and_fails_the_command(capsys, store, episodes):
         (["run", str(SMOKE), "--set", "evaluat.episodes=3"], "'evaluat'; did you mean 'evaluate'?"),
         (["run", str(SMOKE), "--set", "evaluate.episodes"], "must look like key=value"),
         (["run", str(SMOKE), "--set", "logs=/nowhere"], "folder '/nowhere' does not exist"),
-        (["stage", "train", "-c", str(SMOKE), "--condition", "bc"], "needs what ingest makes, and the store lacks it"),
+        (["stage", "train", "-c", str(SMOKE), "--condition", "bc"], "needs what dataset makes, and the store lacks it"),
         (["explain", "train", "-c", str(SMOKE), "--seed", "5"], "the study has no seed 5"),
         (["explain", "report", "-c", str(SMOKE)], "the report needs evaluations that are not in the store"),
     ],

@@ -58,7 +58,7 @@ def test_like_is_compared_with_like_down_to_the_changed_key(store):
     assert {label: each.nearest.ref for label, each in found.items()} == refs(store, "evaluate")
     bc, ta_ci = found.values()
     changed = "config key 'record.demonstrations' is 40, it was 50"
-    assert bc.reasons == [f"{changed}, so ingest, train and evaluate are computed again"]
+    assert bc.reasons == [f"{changed}, so ingest, dataset, train and evaluate are computed again"]
     (reason,) = ta_ci.reasons
     assert reason.startswith(f"{changed}, so ingest, ")
     assert {"annotate", "augment", "train", "collect", "select", "evaluate"} <= set(reason.replace(",", "").split())
@@ -82,8 +82,9 @@ def test_corrective_episodes_of_retraining_are_told_from_those_of_training(store
 def test_several_changes_are_each_named_once(store):
     (found,) = explained(store, "collect", "augment.num_snippets=100", "ingest.min_steps=30").values()
     assert found.reasons == [
-        "config key 'ingest.min_steps' is 30, it was 50, so annotate, augment, train and collect are computed again",
-        "config key 'augment.num_snippets' is 100, it was 192, so train and collect are computed again",
+        "config key 'ingest.min_steps' is 30, it was 50, "
+        "so annotate, augment, dataset, train and collect are computed again",
+        "config key 'augment.num_snippets' is 100, it was 192, so dataset, train and collect are computed again",
     ]
 
 
@@ -130,7 +131,7 @@ def test_the_command_starts_nothing_and_writes_nothing(tmp_path, monkeypatch, ca
     assert sorted(tmp_path.rglob("*")) == before
     assert err == ""
     table, _, content = out.partition("\n{")
-    assert "0 reused, 12 to be computed" in table
+    assert "0 reused, 15 to be computed" in table
     found = json.loads("{" + content)
-    assert (found["reused"], found["computed"], found["unknown"]) == (0, 12, 12)
-    assert [each["stage"] for each in found["calls"]][:3] == ["record", "ingest", "train"]
+    assert (found["reused"], found["computed"], found["unknown"]) == (0, 15, 15)
+    assert [each["stage"] for each in found["calls"]][:4] == ["record", "ingest", "dataset", "train"]

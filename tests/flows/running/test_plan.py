@@ -41,10 +41,16 @@ def test_collecting_begins_with_the_model_of_the_plain_condition(store):
 
 def test_retraining_is_training_with_more_references(store):
     planned = plan(store, CollectInferConfig(condition=Condition.CI, rounds=2))
-    first, second, third = calls_of(planned, "train")
+    first, second, third = calls_of(planned, "dataset")
     assert first.call.recipe.inputs.keys() == {"episodes"}
     assert [len(call.call.recipe.inputs["selections"]) for call in (second, third)] == [1, 2]
-    assert second.call.recipe.config == first.call.recipe.config
+    # The rollouts that a selection is of are named, too.
+    assert [len(call.call.recipe.inputs["episodes"]) for call in (first, second, third)] == [1, 2, 3]
+    trained = calls_of(planned, "train")
+    assert [call.call.recipe.inputs for call in trained] == [
+        {"dataset": (each.ref,)} for each in (first, second, third)
+    ]
+    assert trained[1].call.recipe.config == trained[0].call.recipe.config
 
 
 def test_augmentation_of_retraining_can_differ(store):
@@ -62,8 +68,9 @@ def test_plan_is_the_same_whatever_the_machine_does_beside(store):
 
 def test_missing_inputs_are_named_by_the_stage_that_makes_them(store):
     planned = plan(store, CollectInferConfig(condition=Condition.TA))
-    (training,) = calls_of(planned, "train")
-    assert missing_inputs(training, planned) == ["augment", "ingest"]
+    (dataset,), (training,) = calls_of(planned, "dataset"), calls_of(planned, "train")
+    assert missing_inputs(dataset, planned) == ["augment", "ingest"]
+    assert missing_inputs(training, planned) == ["dataset"]
 
 
 def test_stage_that_a_run_does_not_have_is_named(store):
@@ -79,7 +86,7 @@ def test_logs_of_a_human_take_the_place_of_the_scripted_operator(store, tmp_path
         plan(store, CollectInferConfig(logs=folder))
     (folder / "a.npz").write_bytes(b"log")
     planned = plan(store, CollectInferConfig(logs=folder, condition=Condition.BC))
-    assert [entry.stage for entry in planned] == ["ingest", "train", "evaluate"]
+    assert [entry.stage for entry in planned] == ["ingest", "dataset", "train", "evaluate"]
     assert list(planned[0].call.recipe.files) == ["files/a.npz"]
 
 
@@ -98,11 +105,11 @@ def test_a_model_for_several_tasks_learns_what_each_tasks_own_model_learns(store
     plans = [plan(store, config) for config in mixed]
     shared = {by_label(planned, "train")["multitask seed 0"] for planned in plans}
     assert len(shared) == 1
-    calls = [{entry.label: entry.call for entry in calls_of(planned, "train")} for planned in plans]
+    calls = [{entry.label: entry.call for entry in calls_of(planned, "dataset")} for planned in plans]
     own = [call["ta_ci seed 0 round 1"].recipe.inputs for call in calls]
     both = calls[0]["multitask seed 0"].recipe.inputs
-    for role in ("episodes", "selections"):
-        assert both[role] == own[0][role] + own[1][role]
+    assert both["selections"] == own[0]["selections"] + own[1]["selections"]
+    assert sorted(both["episodes"]) == sorted(own[0]["episodes"] + own[1]["episodes"])
 
 
 def test_a_model_for_several_tasks_is_evaluated_on_each(store, mixed):

@@ -17,9 +17,13 @@ from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Source
 from juicer.errors import ArtifactError, ArtifactNotFound, StrayFile, UnreadableArtifact
 from juicer.storage.episodes import write_episodes
+from juicer.training.config import TrainingConfig
+from juicer.training.mixing import DatasetConfig
+from stages.dataset import dataset
 from stages.runtime.execution import execute, perform_here
 from stages.runtime.session import Session
 from stages.select import SelectConfig, select
+from stages.train import TrainConfig, train
 
 
 @pytest.fixture
@@ -63,6 +67,26 @@ def test_damaged_artifact_is_made_again_byte_for_byte(session, selection):
     assert session.store.manifest(selection).files == whole
     assert (Path(repaired.aside) / "selection.parquet").stat().st_size == whole[0].bytes - 1
     assert list(repair(session, selection)) == []
+
+
+def test_episodes_behind_a_dataset_are_mended_before_what_was_learned_from_them(session, selection):
+    (rollouts,) = session.store.manifest(selection).recipe.parents
+    mixed = dataset(session, episodes=(rollouts,), selections=(selection,), config=DatasetConfig())
+    config = TrainConfig(
+        policy={"horizons": {"pred": 2, "action": 1}, "head": {"kind": "mlp", "width": 8, "blocks": 1}},
+        training=TrainingConfig(steps=2, warmup_steps=1, batch_size=2, validation_fraction=0),
+    )
+    checkpoint = train(session, dataset=mixed, config=config)
+    damage(session.store, checkpoint, "curves.json")
+    damage(session.store, selection, "selection.parquet")
+    assert [each.ref for each in repair(session, checkpoint)] == [selection, checkpoint]
+    damage(session.store, checkpoint, "curves.json")
+    damage(session.store, mixed, "dataset.parquet")
+    assert [each.ref for each in repair(session, checkpoint)] == [mixed, checkpoint]
+    damage(session.store, checkpoint, "curves.json")
+    session.store.set_aside(rollouts)
+    with pytest.raises(ArtifactNotFound, match=rf"was made from {rollouts}, which is gone"):
+        list(repair(session, checkpoint))
 
 
 def test_artifact_whose_origin_is_gone_is_left_with_an_explanation(session, selection):

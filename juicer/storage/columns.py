@@ -1,0 +1,152 @@
+"""Columns on disk: arrays derived from the episodes of one artifact, such as the images of one camera.
+
+``columns.zarr`` holds ``data/<name>``, an entry for every step of all episodes, one after another, and
+``meta/episode_ends``, a copy of theirs; its attributes say what the arrays are and which artifact's episodes they
+belong to. Chunks are small, for whoever trains reads windows at random, and share files, lest there be thousands.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+
+from juicer.episode import ArraySpec, Role, Schema
+from juicer.errors import ArtifactError, InvalidEpisode, did_you_mean
+from juicer.storage.arrays import Array, GrowingArray, StoredArrays, write_ends
+from juicer.text import printable
+
+SCHEMA_VERSION = 1
+COLUMNS = "columns.zarr"
+CHUNK_BYTES = 2**15
+"""What is unpacked to read one step: an image, or some hundred steps of a feature."""
+SHARD_BYTES = 2**25
+"""A file: about a hundred images."""
+
+
+def write_columns(
+    folder: Path,
+    specs: Sequence[ArraySpec],
+    episodes: Iterable[Mapping[str, Array]],
+    *,
+    artifact: str,
+    episode_ends: NDArray[np.int64],
+) -> None:
+    """Write arrays derived from every episode of an artifact; memory holds an episode and a few chunks.
+
+    Args:
+        folder: Existing folder that gets ``columns.zarr``.
+        specs: What the arrays are: derived ones, every size known.
+        episodes: Arrays ``(T, ...)`` by name for each episode, in the order of the artifact.
+        artifact: Id of the artifact of the episodes.
+        episode_ends: Its ``(N,)`` index one past the last step of each episode.
+
+    Raises:
+        InvalidEpisode: If an array does not fit its specification or its episode, or an episode is missing.
+    """
+    schema = Schema(tuple(specs))
+    if not specs or schema.names(Role.DERIVED) != schema.names():
+        raise InvalidEpisode("columns are arrays that were derived from episodes: give at least one, of this role only")
+    group = zarr.open_group(folder / COLUMNS, mode="w-", zarr_format=3)
+    arrays = {spec.name: _array(group, spec) for spec in specs}
+    lengths = np.diff(episode_ends, prepend=0).tolist()
+    number = -1
+    for number, columns in enumerate(episodes):
+        if number >= len(lengths):
+            raise InvalidEpisode(f"columns are given for more than the {len(lengths)} episodes of {artifact}")
+        if set(columns) != set(arrays):
+            raise InvalidEpisode(f"episode {number} needs the columns {sorted(arrays)}, got {sorted(columns)}")
+        for name, values in columns.items():
+            if len(values) != lengths[number]:
+                raise InvalidEpisode(
+                    f"column '{name}' has {len(values)} steps in episode {number} of {artifact}, "
+                    f"which has {lengths[number]}"
+                )
+            if values.dtype.kind == "f" and not np.isfinite(values).all():
+                raise InvalidEpisode(f"column '{name}' holds NaN or infinite values in episode {number} of {artifact}")
+            arrays[name].append(values)
+    if number + 1 < len(lengths):
+        raise InvalidEpisode(f"columns are given for {number + 1} of the {len(lengths)} episodes of {artifact}")
+    for array in arrays.values():
+        array.flush()
+    write_ends(group, lengths)
+    group.attrs.update({"schema_version": SCHEMA_VERSION, "episodes": artifact, "arrays": schema.to_json()})
+
+
+class ColumnReader:
+    """Read access to stored columns; arrays are read from disk when asked for.
+
+    Attributes:
+        folder: Where they are.
+        artifact: Id of the artifact of the episodes that they belong to.
+        schema: What the arrays are.
+        episode_ends: ``(N,)`` index one past the last step of each of these episodes.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Open the columns of an artifact.
+
+        Raises:
+            ArtifactError: If the folder holds no columns that juicer wrote, or those of another schema version.
+        """
+        self.folder = folder
+        self._arrays = StoredArrays(folder / COLUMNS, "columns")
+        attributes: dict[str, Any] = self._arrays.attributes
+        if (version := attributes.get("schema_version")) != SCHEMA_VERSION:
+            raise ArtifactError(
+                f"columns in '{folder}' have schema version {printable(version)}; this juicer reads {SCHEMA_VERSION}"
+            )
+        try:
+            self.schema = Schema.from_json(attributes.get("arrays"))
+        except ValueError as error:
+            raise self._arrays.refusal(printable(error)) from None
+        if self.schema.names(Role.DERIVED) != self.schema.names():
+            raise self._arrays.refusal("not all of them were derived")
+        self.artifact = str(attributes.get("episodes"))
+        self.episode_ends: NDArray[np.int64] = self._arrays.read_ends()
+
+    def check_belong(self, episodes: Path, episode_ends: NDArray[np.int64]) -> None:
+        """Refuse columns of other episodes than those of an artifact.
+
+        Args:
+            episodes: Folder of the artifact.
+            episode_ends: Its index one past the last step of each episode.
+
+        Raises:
+            ArtifactError: If they are of others.
+        """
+        if self.artifact != episodes.name:
+            raise ArtifactError(
+                f"the columns in '{self.folder}' belong to the episodes {printable(self.artifact)}, "
+                f"not to {episodes.name}; derive them from these"
+            )
+        if not np.array_equal(self.episode_ends, episode_ends):
+            raise ArtifactError(
+                f"the columns in '{self.folder}' are of {len(self.episode_ends)} episodes that end elsewhere than the "
+                f"{len(episode_ends)} in '{episodes}'; derive them from these"
+            )
+
+    def steps(self, name: str, span: slice = slice(None)) -> Array:
+        """All steps of all episodes of an array ``(sum of lengths, ...)``, or some of them.
+
+        Raises:
+            ArtifactError: If there is no such array.
+        """
+        if name not in self.schema:
+            known = did_you_mean(name, self.schema.names())
+            raise ArtifactError(f"the columns in '{self.folder}' have no array '{printable(name)}'{known}")
+        length = int(self.episode_ends[-1]) if len(self.episode_ends) else 0
+        return self._arrays.read(f"data/{name}", self.schema[name], length, span)
+
+
+def _array(group: zarr.Group, spec: ArraySpec) -> GrowingArray:
+    step_bytes = math.prod(size or 0 for size in spec.shape) * np.dtype(spec.dtype).itemsize
+    if step_bytes == 0:
+        raise InvalidEpisode(f"column '{spec.name}' needs the sizes of its entries, got {spec.shape}")
+    chunk = max(1, CHUNK_BYTES // step_bytes)
+    return GrowingArray(group, f"data/{spec.name}", spec, chunk, chunk * max(1, SHARD_BYTES // (chunk * step_bytes)))

@@ -1,0 +1,42 @@
+"""Episodes of a dataset, read from where they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from juicer.episode import Role
+from juicer.policy.tasks import Tasks, as_shown
+from juicer.storage.dataset import DatasetRow
+from juicer.storage.episodes import EpisodeReader
+from juicer.training.windows import TrainingEpisodes
+
+
+def read_episodes(
+    reader: EpisodeReader, rows: Sequence[DatasetRow], tasks: Tasks, names: Sequence[str] | None = None
+) -> TrainingEpisodes:
+    """Episodes of one task and artifact, for a policy that learns some tasks.
+
+    Args:
+        reader: The artifact, with the columns that are wanted.
+        rows: Which of its episodes, in order.
+        tasks: What the policy is for.
+        names: Arrays that the policy is shown, those of columns among them; what was observed if None.
+
+    Raises:
+        ArtifactError: If the artifact lacks an episode or an array.
+    """
+    chosen = [reader.find(row.episode_id) for row in rows]
+    lengths = reader.lengths[chosen]
+    starts = reader.episode_ends - reader.lengths
+    steps = np.concatenate([np.arange(starts[index], reader.episode_ends[index]) for index in chosen])
+    names = reader.schema.names(Role.OBSERVATION) if names is None else names
+    return TrainingEpisodes(
+        observations=as_shown({name: reader.steps(name)[steps] for name in names}, tasks, rows[0].task),
+        actions=reader.steps("action")[steps],
+        episode_ends=np.cumsum(lengths),
+        families=[row.family for row in rows],
+        sources=[row.source.value for row in rows],
+        weights=[row.weight for row in rows],
+    )
