@@ -19,12 +19,14 @@ from juicer.augmentation.plan import POSE_SIZE, draw_kind, plan_departure
 from juicer.augmentation.reference import Reference, reference_of
 from juicer.augmentation.verify import RejectionReason, deviation_from_reference
 from juicer.episode import DemonstrationReader, Episode, Outcome
+from juicer.errors import ArtifactError
 from juicer.geometry import rot6d_to_matrix, rotation_angle
 from juicer.progress import Progress, silent_progress
 from juicer.seeding import stream
 from juicer.sim.env import AssemblyEnv
 from juicer.sim.pool import EnvironmentPool
 from juicer.storage.tables import Annotation
+from juicer.text import printable
 
 BLOCK_SIZE = 16
 """Attempts between two looks at the balance. Part of what a seed means: another size gives other snippets."""
@@ -111,12 +113,17 @@ def augment(
 def find_references(
     demonstrations: DemonstrationReader, annotations: Iterable[Annotation], config: AugmentationConfig
 ) -> list[Reference]:
-    """References of all trusted critical states of successful demonstrations, in the annotations' order."""
+    """References of all trusted critical states of successful demonstrations, in the annotations' order.
+
+    Raises:
+        ArtifactError: If the annotations are of other episodes.
+    """
     numbers = {record.episode_id: number for number, record in enumerate(demonstrations.records)}
     trusted = [annotation for annotation in annotations if annotation.confidence >= config.min_confidence]
     references = []
     for episode_id, group in groupby(trusted, key=lambda annotation: annotation.episode_id):
-        number = numbers[episode_id]
+        if (number := numbers.get(episode_id)) is None:
+            raise ArtifactError(f"no demonstration is the annotated episode {printable(episode_id)}; annotate these")
         if demonstrations.records[number].outcome is not Outcome.SUCCESS:
             continue
         demonstration = demonstrations.read(number)

@@ -15,6 +15,7 @@ from juicer.augmentation.execute import reproduces
 from juicer.augmentation.summary import AugmentationSummary
 from juicer.augmentation.verify import RejectionReason
 from juicer.episode import Episode, Outcome
+from juicer.errors import ArtifactError
 from juicer.sim.env import AssemblyEnv
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.storage.tables import Annotation
@@ -126,6 +127,11 @@ def test_uncertain_proposals_and_failures_are_not_used(insertions: list[Episode]
     annotations = [critical(insertions[0], confidence=0.4), critical(failed), critical(third)]
     references = find_references(Reader([insertions[0], failed, third]), annotations, CONFIG)
     assert [reference.parent for reference in references] == ["third"]
+
+
+def test_annotations_of_other_episodes_are_refused(insertions: list[Episode]):
+    with pytest.raises(ArtifactError, match=r"no demonstration is the annotated episode .*; annotate these"):
+        run(insertions[:1], [critical(insertions[1])])
 
 
 def why_nothing(attempts: list[Snippet | FailedAttempt], config: AugmentationConfig = CONFIG) -> str:
