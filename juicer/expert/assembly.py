@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 
 from juicer.errors import ConfigError
-from juicer.expert.corner import BASE_HANDLINGS, Corner
-from juicer.expert.handling import HANDLINGS, Habits
+from juicer.expert.corner import Corner
+from juicer.expert.habits import Habits
 from juicer.expert.mounting import Mounting, ScrewMounting
 from juicer.expert.pair_view import PairView
 from juicer.expert.sight import Sight
 from juicer.expert.skills import OPEN, Skill, rise
-from juicer.tasks.specification import AssemblyTask, Joint
+from juicer.tasks.handling import Handling
+from juicer.tasks.specification import AssemblyTask, Joint, PartSpec
 
 _BETWEEN_PARTS_M = 0.13
 """Height of the end effector between two parts, above what lies on the table."""
@@ -29,13 +30,10 @@ class AssemblyOperator:
         Raises:
             ConfigError: If the operator does not know how to handle one of its parts.
         """
-        unknown = [task.parts[pair.second].name for pair in task.pairs if task.parts[pair.second].name not in HANDLINGS]
-        if unknown or task.parts[0].name not in BASE_HANDLINGS:
-            raise ConfigError(f"the scripted operator has not learned '{task.name}'")
         self._habits = habits
         self._corner = Corner(task, habits)
         self._mountings = [
-            _MOUNTINGS[pair.joint](task, PairView(task, index, HANDLINGS[task.parts[pair.second].name]), habits)
+            _MOUNTINGS[pair.joint](task, PairView(task, index, _handling(task.parts[pair.second])), habits)
             for index, pair in enumerate(task.pairs)
         ]
 
@@ -60,3 +58,9 @@ class AssemblyOperator:
             other.view.mate_index == mounting.view.part_index and other.is_begun(sight) for other in self._mountings
         )
         return not covered and not mounting.view.is_seated(sight)
+
+
+def _handling(part: PartSpec) -> Handling:
+    if not isinstance(part.handling, Handling):
+        raise ConfigError(f"the scripted operator has not learned to mount '{part.name}'")
+    return part.handling

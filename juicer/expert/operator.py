@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from juicer.expert.assembly import AssemblyOperator
-from juicer.expert.handling import Habits
+from juicer.expert.habits import Habits
 from juicer.expert.pose import turned
 from juicer.expert.sight import Sight
 from juicer.expert.skills import OPEN, Command, Skill

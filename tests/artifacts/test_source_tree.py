@@ -47,7 +47,6 @@ REACHED = {
     "pkg.middle",
     "pkg.constants",
     "pkg.late",
-    "pkg.sub",
     "pkg.sub.leaf",
     "pkg.sub.other",
 }

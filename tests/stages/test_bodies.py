@@ -365,8 +365,8 @@ def test_addresses_of_pages_are_shown_but_are_no_part_of_a_report_s_identity(loo
     links = {"MLflow": "https://mlflow.example.org/#/experiments"}
     with_links = ReportConfig(title="Addresses", rows=(ReportRow(condition="TA", seed=0),), links=links)
     without = with_links.model_copy(update={"links": {}})
-    found = report.prepare(evaluations=(loop.evaluation,), config=with_links).recipe
-    assert found.id == report.prepare(evaluations=(loop.evaluation,), config=without).recipe.id
+    found = report.prepare(loop.session, evaluations=(loop.evaluation,), config=with_links).recipe
+    assert found.id == report.prepare(loop.session, evaluations=(loop.evaluation,), config=without).recipe.id
     ref = report(loop.session, evaluations=(loop.evaluation,), config=with_links)
     assert links["MLflow"] in (loop.store.open(ref) / "report.html").read_text()
 

@@ -30,7 +30,7 @@ def session(tmp_path):
 @pytest.fixture
 def selection(session, episode_factory):
     """A selection, and the episodes it was made from."""
-    call = select.prepare(episodes=_rollouts(session, episode_factory), config=SelectConfig())
+    call = select.prepare(session, episodes=_rollouts(session, episode_factory), config=SelectConfig())
     return execute(call, session).ref
 
 

@@ -40,7 +40,7 @@ def test_process_that_is_killed_is_named(toys, isolated, store):
 
 
 def test_other_code_than_the_recipe_names_makes_nothing(toys, isolated, store):
-    call = toys.write.prepare(config=toys.ToyConfig())
+    call = toys.write.prepare(isolated, config=toys.ToyConfig())
     call.recipe.modules["toys.simple"] = "of another checkout"
     with pytest.raises(ForeignCode, match=r"stage 'write' would run other code .*\(toys.simple in '.*toys' differs\)"):
         execute(call, isolated)
