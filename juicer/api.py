@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from juicer.rollout import Policy, Reaction
     from juicer.sim.env import AssemblyEnv
     from juicer.storage.episodes import EpisodeReader
-    from juicer.storage.tables import EvaluationRow
+    from juicer.storage.evaluations import EvaluationRow
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def load_evaluation(store: ArtifactStore, id: str) -> Evaluation:
     Raises:
         ArtifactError: If there is no such artifact, or it is damaged.
     """
-    from juicer.storage.tables import read_evaluation
+    from juicer.storage.evaluations import read_evaluation
 
     ref = store.resolve(id, "evaluation")
     rows = tuple(read_evaluation(store.open(ref)))
@@ -191,7 +191,7 @@ def evaluate(
     """
     from juicer.seed_ranges import Purpose, claim
     from juicer.sim.arguments import checked_count
-    from juicer.storage.tables import EvaluationRow
+    from juicer.storage.evaluations import EvaluationRow
 
     seeds = claim(Purpose.EVALUATION, checked_count("first", first, 0), checked_count("episodes", episodes))
     runs = rollout(policy, task, seeds, randomness=randomness, num_envs=num_envs, max_steps=max_steps)

@@ -18,7 +18,7 @@ from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
 from juicer.policy.tasks import Tasks, as_shown
 from juicer.storage.curves import CurveWriter
 from juicer.storage.episodes import EpisodeReader
-from juicer.storage.tables import read_selection
+from juicer.storage.selections import read_selection
 from juicer.tasks.registry import TASK_NAMES, get_task
 from juicer.tasks.specification import MOUNTED_COSINE, MOUNTED_M
 from juicer.training.config import TrainingConfig

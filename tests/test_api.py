@@ -21,7 +21,7 @@ from juicer.evaluation import wilson_interval
 from juicer.policy.replay import ReplayPolicy
 from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.storage.episodes import write_episodes
-from juicer.storage.tables import EvaluationRow, write_evaluation
+from juicer.storage.evaluations import EvaluationRow, write_evaluation
 
 PAGE = Path(__file__).parents[1] / "docs" / "library.md"
 KINDS = ("episodes", "checkpoint", "evaluation")

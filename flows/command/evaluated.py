@@ -14,7 +14,7 @@ from juicer.episode import Episode
 from juicer.errors import ArtifactError, ConfigError
 from juicer.rollout import rollout
 from juicer.storage.episodes import EpisodeReader
-from juicer.storage.tables import EXAMPLES, EvaluationRow, read_evaluation
+from juicer.storage.evaluations import EXAMPLES, EvaluationRow, read_evaluation
 from stages.evaluate import EvaluateConfig, evaluate
 
 

@@ -23,7 +23,7 @@ from juicer.progress import Progress, silent_progress
 from juicer.seeding import stream
 from juicer.sim.env import AssemblyEnv
 from juicer.sim.pool import EnvironmentPool
-from juicer.storage.tables import Annotation
+from juicer.storage.annotations import Annotation
 
 BLOCK_SIZE = 16
 """Attempts between two looks at the balance. Part of what a seed means: another size gives other snippets."""

@@ -34,9 +34,11 @@ from juicer.policy.config import HorizonConfig
 from juicer.reporting.comparison import ReportRow
 from juicer.reporting.report import gather
 from juicer.rollout import rollout
+from juicer.storage.annotations import read_annotations
 from juicer.storage.curves import read_curves
 from juicer.storage.episodes import EpisodeReader, write_episodes
-from juicer.storage.tables import read_annotations, read_evaluation, read_selection, write_evaluation
+from juicer.storage.evaluations import read_evaluation, write_evaluation
+from juicer.storage.selections import read_selection
 from juicer.training.config import TrainingConfig, WindowConfig
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
