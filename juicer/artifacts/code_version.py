@@ -9,15 +9,12 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import ModuleType
 
-from juicer.artifacts.junctions import JUNCTIONS
+from juicer.artifacts.junctions import JUNCTIONS, OURS
 from juicer.artifacts.source_tree import Source, SourceTree, digest
 from juicer.errors import ArtifactError
 
-FIRST_PARTY = ("juicer", "stages")
-"""Packages whose source counts, beside the one that a stage itself is in; all else counts by its version, see
-:func:`library_versions`."""
-
 PLUMBING = (
+    "juicer.announced",
     "juicer.artifacts",
     "juicer.config",
     "juicer.errors",
@@ -121,7 +118,7 @@ _SOURCES: dict[Path, Source] = {}
 @functools.cache
 def _source_tree(packages: frozenset[str]) -> SourceTree:
     """Source of some packages and of ours."""
-    places = {name: place for name in {*FIRST_PARTY, *packages} if (place := _place_of(name))}
+    places = {name: place for name in {*OURS, *packages} if (place := _place_of(name))}
     return SourceTree(places, PLUMBING, JUNCTIONS, _SOURCES)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel
 
-from juicer.config import models_in
+from juicer.config import StrictConfig, models_in
 
 JUNCTIONS = (
     "juicer.policy.encoders",
@@ -18,32 +18,32 @@ JUNCTIONS = (
 )
 """All of them. What the members of one share lies beside their folders, or elsewhere, and is followed like any code."""
 
+OURS = ("juicer", "stages")
+"""Packages whose source counts, beside that of what is a stage or a plug-in; all else counts by its version."""
+
 IMPLEMENTATION = "network"
 """Class attribute by which a configuration names what is built of it, as ``module:name``."""
 
 
-def member_of(module: str) -> str | None:
-    """The member of a junction that a module belongs to: ``juicer.policy.heads.mlp`` of ``…mlp.network``."""
+def is_plugin(module: str) -> bool:
+    """Whether a module lies below a junction or comes from outside."""
+    return module.startswith(tuple(f"{junction}." for junction in JUNCTIONS)) or module.partition(".")[0] not in OURS
+
+
+def plugins_in(config: BaseModel) -> set[str]:
+    """What a configuration and those within it choose: members of junctions, and modules from outside."""
+    return {
+        _member_of(module) or module
+        for model in models_in(config)
+        for each in type(model).__mro__
+        if issubclass(each, StrictConfig)
+        for module in (each.__module__, str(vars(each).get(IMPLEMENTATION, "")).partition(":")[0])
+        if module and is_plugin(module)
+    }
+
+
+def _member_of(module: str) -> str | None:
     for junction in JUNCTIONS:
         if module.startswith(f"{junction}."):
             return ".".join(module.split(".")[: junction.count(".") + 2])
     return None
-
-
-def plugins_in(config: BaseModel, first_party: tuple[str, ...]) -> set[str]:
-    """What a configuration chooses: members of junctions, and modules of plug-ins from outside.
-
-    Args:
-        config: A configuration; those within it are looked at too.
-        first_party: Packages from which only members of junctions are plug-ins.
-    """
-    found: set[str] = set()
-    for model in models_in(config):
-        for each in type(model).__mro__:
-            implementation = str(vars(each).get(IMPLEMENTATION, "")).partition(":")[0]
-            for module in filter(None, (each.__module__, implementation)):
-                if member := member_of(module):
-                    found.add(member)
-                elif issubclass(each, BaseModel) and module.partition(".")[0] not in (*first_party, "pydantic"):
-                    found.add(module)
-    return found

@@ -10,9 +10,10 @@ import importlib
 import re
 from collections.abc import Callable
 from functools import cache, partial
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
+from juicer.announced import announced, origin_of
 from juicer.errors import ConfigError
 from juicer.tasks.specification import AssemblyTask
 from juicer.text import printable
@@ -28,7 +29,9 @@ def find_tasks() -> dict[str, Callable[[], AssemblyTask]]:
 
     Raises nothing for a task from outside that is broken: whoever asks for it is told so, and nobody else.
     """
-    found: dict[str, Callable[[], AssemblyTask]] = {name: partial(_load, entry) for name, entry in _announced().items()}
+    found: dict[str, Callable[[], AssemblyTask]] = {
+        name: partial(_load, entry) for name, entry in announced(GROUP).items()
+    }
     for path in Path(__file__).parent.glob("*.py"):
         # Read first: the modules that ask for the tasks lie in the same folder.
         if _DEFINES.search(path.read_bytes()):
@@ -36,10 +39,6 @@ def find_tasks() -> dict[str, Callable[[], AssemblyTask]]:
             found[task.name] = partial(_itself, task)
     first = [name for name in _PAPERS if name in found]
     return {name: found[name] for name in [*first, *sorted(found.keys() - set(first))]}
-
-
-def _announced() -> dict[str, EntryPoint]:
-    return {entry.name: entry for entry in entry_points(group=GROUP)}
 
 
 def _itself(task: AssemblyTask) -> AssemblyTask:
@@ -61,10 +60,9 @@ def _load(entry: EntryPoint) -> AssemblyTask:
     except Exception as error:  # whatever somebody else's module may raise
         problem = f"{type(error).__name__}: {error}"
     if problem:
-        owner = entry.dist.name if entry.dist else "an unknown package"
         raise ConfigError(
-            f"task '{printable(entry.name)}', which package '{printable(owner)}' announces as "
-            f"'{printable(entry.value)}', cannot be used: {printable(problem, 500)}; mend it, or uninstall that package"
+            f"task '{printable(entry.name)}', which is {origin_of(entry)}, cannot be used: {printable(problem, 500)}; "
+            "mend it, or uninstall that package"
         )
     found: AssemblyTask = task
     return found

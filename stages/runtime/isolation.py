@@ -26,9 +26,8 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-from juicer.artifacts.code_version import FIRST_PARTY, home_of, module_versions
+from juicer.artifacts.code_version import home_of
 from juicer.artifacts.draft import Draft
-from juicer.artifacts.junctions import member_of
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ForeignCode, StageDied
@@ -36,7 +35,7 @@ from juicer.progress import MetricSink, Progress
 from stages.runtime.context import StageContext, StageInterrupted
 from stages.runtime.names import STAGES
 from stages.runtime.socket_folder import make_socket_folder
-from stages.runtime.stage import task_contents
+from stages.runtime.stage import unlike_recipe
 
 PRELOADED = (
     "torch",
@@ -202,12 +201,7 @@ def _check_code(work: Work) -> None:
     Raises:
         ForeignCode: Naming what differs.
     """
-    recipe = work.recipe
-    plugins = [name for name in recipe.modules if member_of(name) or name.partition(".")[0] not in FIRST_PARTY]
-    modules = module_versions(work.module, plugins)
-    tasks = task_contents(recipe.tasks, modules)
-    changed = sorted({name for name, _ in modules.items() ^ recipe.modules.items()})
-    changed += [f"task {name}" for name, content in recipe.tasks.items() if tasks[name] != content]
+    changed = unlike_recipe(work.module, work.recipe)
     if changed:
         raise ForeignCode(
             f"stage '{work.name}' would run other code than its artifact is to be known by ({changed[0]} in "

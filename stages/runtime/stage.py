@@ -16,13 +16,13 @@ its inputs were made of, and no others.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Concatenate, Generic, ParamSpec, Protocol, get_origin, get_type_hints
 
-from juicer.artifacts.code_version import FIRST_PARTY, library_versions, module_versions, version_of
-from juicer.artifacts.junctions import plugins_in
+from juicer.artifacts.code_version import library_versions, module_versions, version_of
+from juicer.artifacts.junctions import is_plugin, plugins_in
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
@@ -128,7 +128,7 @@ class Stage(Generic[P]):
                 raise TypeError(f"stage '{self.name}': '{role}' must be artifacts or paths, got {value!r}")
         config, module = arguments[CONFIG], self.body.__module__
         sources = [origins.recipe(ref) for refs in inputs.values() for ref in refs]
-        own = plugins_in(config, FIRST_PARTY) - module_versions(module).keys()
+        own = plugins_in(config) - module_versions(module).keys()
         modules = module_versions(module, own.union(*(source.plugins for source in sources)))
         tasks = tasks_in(config).union(*(source.tasks for source in sources))
         return Recipe(
@@ -141,7 +141,7 @@ class Stage(Generic[P]):
             libraries=library_versions(self._libraries),
             modules=modules,
             plugins=tuple(sorted(own)),
-            tasks=task_contents(tasks, modules),
+            tasks={name: task_content(name, modules) for name in sorted(tasks)},
         )
 
     def describe_files(self, arguments: Mapping[str, Any]) -> dict[str, str]:
@@ -167,13 +167,18 @@ class Stage(Generic[P]):
                 )
 
 
-def task_contents(names: Iterable[str], modules: Collection[str]) -> dict[str, Mapping[str, Any]]:
-    """What counts of some tasks for a stage that runs these modules, by name.
+def unlike_recipe(module: str, recipe: Recipe) -> list[str]:
+    """Modules and tasks that are other ones in this process than a recipe names.
 
-    Raises:
-        ConfigError: If one is not there and it counts.
+    Args:
+        module: Where the body of the recipe's stage is.
+        recipe: What is to be made here.
     """
-    return {name: task_content(name, modules) for name in sorted(names)}
+    plugins = [name for name in recipe.modules if is_plugin(name)]
+    modules = module_versions(module, plugins)
+    changed = sorted({name for name, _ in modules.items() ^ recipe.modules.items()})
+    tasks = {name: task_content(name, modules) for name in recipe.tasks}
+    return changed + [f"task {name}" for name, content in recipe.tasks.items() if tasks[name] != content]
 
 
 def stage(
