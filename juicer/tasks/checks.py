@@ -24,13 +24,14 @@ def check_task(task: object, name: str) -> str:
     if not isinstance(task, AssemblyTask):
         return f"it is no AssemblyTask but {type(task).__name__}"
     try:
-        _schema().validate_python(asdict(task))
         canonical_json(asdict(task))
+        if _schema().validate_python(asdict(task)) != task:
+            return "it holds a text in the place of a number, or the like"
     except ValidationError as error:
         first = error.errors()[0]
         return f"its {'.'.join(map(str, first['loc']))}: {first['msg']}"
-    except ValueError:
-        return "it holds a number that is infinite or none"
+    except (TypeError, ValueError) as error:
+        return f"it holds what is no finite number, text or tuple: {error}"
     return next(_contradictions(task, name), "")
 
 

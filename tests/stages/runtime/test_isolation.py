@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from juicer.errors import ForeignCode, StageDied
+from stages.record import RecordConfig, record
 from stages.runtime.context import StageInterrupted
 from stages.runtime.execution import execute
 
@@ -36,6 +37,14 @@ def test_error_that_cannot_be_pickled_still_tells_what_happened(toys, isolated):
 def test_process_that_is_killed_is_named(toys, isolated, store):
     with pytest.raises(StageDied, match=r"stage 'die' was ended by SIGKILL; the machine may have run out of memory"):
         toys.die(isolated, config=toys.ToyConfig())
+    assert store.refs() == []
+
+
+def test_another_task_than_the_recipe_names_makes_nothing(isolated, store):
+    call = record.prepare(isolated, config=RecordConfig(task="lamp", randomness="low", demonstrations=1))
+    call.recipe.tasks["lamp"]["max_steps"] = 7
+    with pytest.raises(ForeignCode, match=r"stage 'record' would run other code .*\(task lamp in"):
+        execute(call, isolated)
     assert store.refs() == []
 
 
