@@ -122,9 +122,20 @@ def member(name: str, folder: str, again: set[str]) -> Change:
 CODE = append("CHANGED = True")
 FIFTH = "from juicer.tasks.one_leg import TASK as OTHER\n\nTASK = OTHER\n"
 COLUMN = rewrite('"confidence": pa.float64(),', '"confidence": pa.float64(),\n        "minutes": pa.float64(),')
+MEMBERS = tuple(
+    edit(name, f"juicer/policy/{path}", CODE, again)
+    for name, path, again in (
+        ("the encoder that the policies use", "encoders/features/config.py", FROM_TRAINING),
+        ("the head that the policies use", "heads/diffusion/network.py", FROM_TRAINING),
+        ("a head that they do not use", "heads/mlp/network.py", NOTHING),
+        ("a denoiser that they do not use", "denoisers/mlp/network.py", NOTHING),
+    )
+    if (ROOT / "juicer" / "policy" / path).exists()
+)
 CHANGES = (
     member("a new encoder", "juicer/policy/encoders/resnet", NOTHING),
     member("a new head", "juicer/policy/heads/flow_matching", NOTHING),
+    *MEMBERS,
     edit("a fifth task", "juicer/tasks/stool.py", append(FIFTH), NOTHING),
     data("a colour of round_table", "round_table", recolour, {"report"}),
     data("a thread radius of lamp", "lamp", thicken_thread, EVERYTHING),
