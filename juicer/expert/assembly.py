@@ -12,7 +12,7 @@ from juicer.expert.pair_view import PairView
 from juicer.expert.sight import Sight
 from juicer.expert.skills import OPEN, Skill, rise
 from juicer.tasks.handling import Handling
-from juicer.tasks.specification import AssemblyTask, Joint, PartSpec
+from juicer.tasks.specification import AssemblyTask, Joint
 
 _BETWEEN_PARTS_M = 0.13
 """Height of the end effector between two parts, above what lies on the table."""
@@ -33,7 +33,7 @@ class AssemblyOperator:
         self._habits = habits
         self._corner = Corner(task, habits)
         self._mountings = [
-            _MOUNTINGS[pair.joint](task, PairView(task, index, _handling(task.parts[pair.second])), habits)
+            _MOUNTINGS[pair.joint](task, PairView(task, index, _handling(task, pair.second)), habits)
             for index, pair in enumerate(task.pairs)
         ]
 
@@ -60,7 +60,8 @@ class AssemblyOperator:
         return not covered and not mounting.view.is_seated(sight)
 
 
-def _handling(part: PartSpec) -> Handling:
+def _handling(task: AssemblyTask, index: int) -> Handling:
+    part = task.parts[index]
     if not isinstance(part.handling, Handling):
-        raise ConfigError(f"the scripted operator has not learned to mount '{part.name}'")
+        raise ConfigError(f"the scripted operator has not learned '{task.name}': it cannot mount '{part.name}'")
     return part.handling

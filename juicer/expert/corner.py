@@ -34,7 +34,7 @@ class Corner:
         """
         base = task.parts[0]
         if not isinstance(base.handling, BaseHandling):
-            raise ConfigError(f"the scripted operator has not learned to push '{base.name}'")
+            raise ConfigError(f"the scripted operator has not learned '{task.name}': it cannot push '{base.name}'")
         self._handling = base.handling
         self._straight = np.array(base.handling.straight)
         self._habits = habits
