@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from juicer.rollout import Policy, Reaction
     from juicer.sim.env import AssemblyEnv
     from juicer.storage.episodes import EpisodeReader
-    from juicer.storage.tables import EvaluationRow
+    from juicer.storage.evaluations import EvaluationRow
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Evaluation:
     def table(self) -> pd.DataFrame:
         """A row an episode."""
         from juicer.storage.frames import frame_of
-        from juicer.storage.tables import EvaluationRow
+        from juicer.storage.evaluations import EvaluationRow
 
         return frame_of(self.rows, EvaluationRow)
 
@@ -112,7 +112,7 @@ def load_evaluation(store: ArtifactStore, id: str) -> Evaluation:
     Raises:
         ArtifactError: If there is no such artifact, or it is damaged.
     """
-    from juicer.storage.tables import read_evaluation
+    from juicer.storage.evaluations import read_evaluation
 
     ref = store.resolve(id, "evaluation")
     rows = tuple(read_evaluation(store.open(ref)))
@@ -132,7 +132,7 @@ def load_table(store: ArtifactStore, id: str) -> pd.DataFrame:
         ArtifactError: If there is no such artifact, or it is damaged.
     """
     from juicer.episode import EpisodeRecord
-    from juicer.storage import dataset, tables
+    from juicer.storage import annotations, dataset, evaluations, selections
     from juicer.storage.frames import frame_of
 
     ref = store.resolve(id)
@@ -140,13 +140,13 @@ def load_table(store: ArtifactStore, id: str) -> pd.DataFrame:
         reader = load_episodes(store, ref.id)
         return frame_of(reader.records, EpisodeRecord, length=reader.lengths.tolist())
     if ref.kind == "annotations":
-        return frame_of(tables.read_annotations(store.open(ref)), tables.Annotation)
+        return frame_of(annotations.read_annotations(store.open(ref)), annotations.Annotation)
     if ref.kind == "selection":
-        return frame_of(tables.read_selection(store.open(ref)), tables.SelectionRow)
+        return frame_of(selections.read_selection(store.open(ref)), selections.SelectionRow)
     if ref.kind == "dataset":
         return frame_of(dataset.read_dataset(store.open(ref)), dataset.DatasetRow)
     if ref.kind == "evaluation":
-        return frame_of(tables.read_evaluation(store.open(ref)), tables.EvaluationRow)
+        return frame_of(evaluations.read_evaluation(store.open(ref)), evaluations.EvaluationRow)
     raise WrongArtifactKind(f"{ref} holds no table; episodes, annotations, selections, datasets and evaluations do")
 
 
@@ -243,7 +243,7 @@ def evaluate(
     """
     from juicer.seed_ranges import Purpose, claim
     from juicer.sim.arguments import checked_count
-    from juicer.storage.tables import EvaluationRow
+    from juicer.storage.evaluations import EvaluationRow
 
     seeds = claim(Purpose.EVALUATION, checked_count("first", first, 0), checked_count("episodes", episodes))
     runs = rollout(policy, task, seeds, randomness=randomness, num_envs=num_envs, max_steps=max_steps)

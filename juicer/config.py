@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -107,6 +107,18 @@ def parse_config(
     except ValidationError as error:
         problem = first_problem(error, content, model)
         raise ConfigError(f"{printable(place(problem.keys) or origin)}: {problem.sentence}") from None
+
+
+def models_in(value: object) -> Iterator[BaseModel]:
+    """A configuration and every one within it, also those in lists and mappings."""
+    if isinstance(value, BaseModel):
+        yield value
+        yield from models_in([getattr(value, name) for name in type(value).model_fields])
+    elif isinstance(value, Mapping):
+        yield from models_in(list(value.values()))
+    elif isinstance(value, list | tuple | set | frozenset):
+        for item in value:
+            yield from models_in(item)
 
 
 def canonical_json(config: BaseModel | Mapping[str, Any]) -> str:

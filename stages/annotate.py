@@ -10,8 +10,8 @@ from juicer.annotation.annotate import annotate as annotate_demonstrations
 from juicer.annotation.labels import read_labels
 from juicer.annotation.propose import AnnotationConfig
 from juicer.artifacts.ref import ArtifactRef
+from juicer.storage.annotations import write_annotations
 from juicer.storage.episodes import EpisodeReader
-from juicer.storage.tables import write_annotations
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
 

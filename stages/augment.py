@@ -10,8 +10,8 @@ from juicer.augmentation.augment import augment as augment_demonstrations
 from juicer.augmentation.config import AugmentationConfig
 from juicer.augmentation.summary import AugmentationSummary
 from juicer.config import Seed
+from juicer.storage.annotations import read_annotations
 from juicer.storage.episodes import EpisodeReader, write_episodes
-from juicer.storage.tables import read_annotations
 from juicer.tasks.registry import get_task
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage

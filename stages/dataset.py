@@ -9,7 +9,7 @@ from juicer.errors import ArtifactError
 from juicer.storage.columns import ColumnReader
 from juicer.storage.dataset import write_dataset
 from juicer.storage.episodes import EpisodeReader
-from juicer.storage.tables import read_selection
+from juicer.storage.selections import read_selection
 from juicer.text import printable
 from juicer.training.mixing import DatasetConfig, GivenEpisodes, mix
 from stages.runtime.context import StageContext

@@ -12,7 +12,7 @@ from juicer.episode import Episode, Outcome
 from juicer.evaluation import milestone_counts, wilson_interval
 from juicer.seed_ranges import Purpose
 from juicer.storage.episodes import write_episodes
-from juicer.storage.tables import EXAMPLES, EvaluationRow, write_evaluation
+from juicer.storage.evaluations import EXAMPLES, EvaluationRow, write_evaluation
 from juicer.tasks.registry import get_task
 from stages.rollouts import RolloutConfig, RolloutSection, roll_out
 from stages.runtime.context import StageContext

@@ -17,7 +17,7 @@ from juicer.reporting.comparison import ReportRow, condition_results
 from juicer.reporting.content import EpisodeVideo
 from juicer.reporting.report import configuration_text, gather
 from juicer.storage.episodes import EpisodeReader
-from juicer.storage.tables import EXAMPLES, read_evaluation
+from juicer.storage.evaluations import EXAMPLES, read_evaluation
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
 

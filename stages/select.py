@@ -12,7 +12,7 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.episode import Outcome
 from juicer.storage.episodes import EpisodeReader
-from juicer.storage.tables import SelectionRow, write_selection
+from juicer.storage.selections import SelectionRow, write_selection
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
 

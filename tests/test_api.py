@@ -28,9 +28,10 @@ from juicer.errors import (
 from juicer.evaluation import wilson_interval
 from juicer.policy.replay import ReplayPolicy
 from juicer.seed_ranges import SEED_RANGES, Purpose
+from juicer.storage.annotations import Annotation
 from juicer.storage.episodes import write_episodes
+from juicer.storage.evaluations import EvaluationRow, write_evaluation
 from juicer.storage.frames import frame_of
-from juicer.storage.tables import Annotation, EvaluationRow, write_evaluation
 from juicer.training.mixing import DatasetConfig
 from stages.dataset import dataset
 from stages.runtime.execution import perform_here

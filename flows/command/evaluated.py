@@ -14,7 +14,7 @@ from juicer.episode import Episode
 from juicer.errors import ArtifactError, ConfigError
 from juicer.rollout import rollout
 from juicer.storage.episodes import EpisodeReader
-from juicer.storage.tables import EXAMPLES, EvaluationRow, read_evaluation
+from juicer.storage.evaluations import EXAMPLES, EvaluationRow, read_evaluation
 from stages.evaluate import EvaluateConfig, evaluate
 
 
@@ -83,7 +83,7 @@ def recomputed_episode(
         root_seed=config.seed,
     )
     differences = tuple(_differences(episode, row))
-    causes = tuple(_causes(manifest, checkpoint, config)) if differences else ()
+    causes = tuple(_causes(store, manifest, checkpoint, config)) if differences else ()
     return EvaluatedEpisode(episode, row, False, differences + causes)
 
 
@@ -110,9 +110,9 @@ def _told(milestones: Mapping[str, int]) -> str:
     return ", ".join(f"{name} at step {step}" for name, step in milestones.items()) or "no milestone"
 
 
-def _causes(manifest: Manifest, checkpoint: ArtifactRef, config: EvaluateConfig) -> Iterator[str]:
+def _causes(store: ArtifactStore, manifest: Manifest, checkpoint: ArtifactRef, config: EvaluateConfig) -> Iterator[str]:
     """What has changed since the evaluation that may be the reason."""
-    today = evaluate.prepare(checkpoint=checkpoint, config=config).recipe
+    today = evaluate.prepare(store, checkpoint=checkpoint, config=config).recipe
     changes = [difference.sentence for difference in compare(manifest.recipe, today)]
     if changes:
         yield f"since the evaluation, {', '.join(changes)}"

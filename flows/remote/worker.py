@@ -13,13 +13,14 @@ from prefect.states import Completed, Failed
 from flows.remote.dispatch import MAKE, failure_message
 from flows.running.body import task_runner
 from flows.running.context import open_run
+from flows.running.data_folder import open_store
 from flows.running.flow_runs import held
 from flows.running.repair import rebuild_call
 from flows.running.settings import read_settings
 from juicer.artifacts.recipe import Recipe
 from juicer.errors import ArtifactError, ConfigError, JuicerError, NothingLeft
 from stages.runtime.prefect_task import PrefectPerformer
-from stages.runtime.stage import StageCall
+from stages.runtime.stage import Origins, StageCall
 
 
 @flow(name=MAKE, task_runner=task_runner(), persist_result=False)
@@ -32,9 +33,9 @@ def make(recipe: dict[str, Any], label: str = "", force: bool = False) -> State[
         force: Whether to make it even if it is in the store.
     """
     try:
-        call = _call(recipe)
-        forced = frozenset({call.stage.name}) if force else frozenset()
         settings = read_settings()
+        call = _call(recipe, open_store(settings))
+        forced = frozenset({call.stage.name}) if force else frozenset()
         with (
             held(settings.folder, flow_run.get_id()),
             open_run(settings, None, PrefectPerformer(), forced=forced) as run_context,
@@ -49,9 +50,9 @@ def make(recipe: dict[str, Any], label: str = "", force: bool = False) -> State[
     return Completed(message=str(ref))
 
 
-def _call(recipe: dict[str, Any]) -> StageCall:
+def _call(recipe: dict[str, Any], origins: Origins) -> StageCall:
     try:
-        return rebuild_call(Recipe.from_json(recipe), None)
+        return rebuild_call(Recipe.from_json(recipe), None, origins)
     except (ArtifactError, ConfigError, ValueError, KeyError, TypeError) as error:
         raise ArtifactError(
             f"a machine that serves stages has another juicer, or other libraries, than the one that asks: {error}"

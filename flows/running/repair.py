@@ -17,7 +17,7 @@ from juicer.errors import ArtifactError, ArtifactNotFound, DamagedArtifact, Stra
 from juicer.text import printable
 from stages.runtime.catalog import find_stage
 from stages.runtime.session import Session
-from stages.runtime.stage import StageCall
+from stages.runtime.stage import Origins, StageCall
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def repair(session: Session, ref: ArtifactRef, folder: Path | None = None) -> It
             if parent is not None:
                 waiting.append(parent)
                 continue
-            call = rebuild_call(manifest.recipe, folder)
+            call = rebuild_call(manifest.recipe, folder, session)
             forced = frozenset({manifest.recipe.stage})
             replace(session, forced=forced, fresh=set(), label="").perform(call)
             if not _is_whole(session, current):
@@ -73,8 +73,13 @@ def repair(session: Session, ref: ArtifactRef, folder: Path | None = None) -> It
             yield Repaired(waiting.pop(), True, _newest(session, current, before))
 
 
-def rebuild_call(recipe: Recipe, folder: Path | None) -> StageCall:
+def rebuild_call(recipe: Recipe, folder: Path | None, origins: Origins) -> StageCall:
     """The stage call that made an artifact.
+
+    Args:
+        recipe: What it was made of.
+        folder: Where the files from outside the store are.
+        origins: Who knows what the inputs are made of.
 
     Raises:
         ArtifactError: If the stage would make another artifact today, because code, libraries or files changed.
@@ -92,7 +97,7 @@ def rebuild_call(recipe: Recipe, folder: Path | None) -> StageCall:
             arguments[role] = (*arguments.get(role, ()), path) if stage.takes_many(role) else path
     except KeyError as error:
         raise ArtifactError(f"{failure}: stage '{recipe.stage}' takes no {printable(error)}; {successor}") from None
-    call = stage.prepare(**arguments)
+    call = stage.prepare(origins, **arguments)
     if call.recipe.id != recipe.id:
         changes = printable("; ".join(difference.sentence for difference in compare(recipe, call.recipe)), 1000)
         raise ArtifactError(f"{failure}: {changes}; {successor}")

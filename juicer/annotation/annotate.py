@@ -11,7 +11,7 @@ from juicer.errors import InvalidLabels
 from juicer.progress import Progress, silent_progress
 from juicer.sim.env import AssemblyEnv
 from juicer.sim.pool import EnvironmentPool
-from juicer.storage.tables import Annotation
+from juicer.storage.annotations import Annotation
 from juicer.tasks.registry import get_task
 
 

@@ -23,7 +23,7 @@ from juicer.annotation.labels import (
 )
 from juicer.episode import DemonstrationReader
 from juicer.errors import InvalidLabels
-from juicer.storage.tables import Annotation
+from juicer.storage.annotations import Annotation
 from juicer.text import printable
 
 

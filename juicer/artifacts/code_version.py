@@ -5,36 +5,38 @@ from __future__ import annotations
 import functools
 import importlib.metadata
 import importlib.util
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import ModuleType
 
-from juicer.artifacts.source_tree import SourceTree, digest
+from juicer.artifacts.junctions import JUNCTIONS, OURS
+from juicer.artifacts.source_tree import Source, SourceTree, digest
 from juicer.errors import ArtifactError
 
-FIRST_PARTY = ("juicer", "stages")
-"""Packages whose source counts, beside the one that a stage itself is in; all else counts by its version, see
-:func:`library_versions`."""
-
 PLUMBING = (
+    "juicer.announced",
     "juicer.artifacts",
     "juicer.config",
     "juicer.errors",
     "juicer.problems",
     "juicer.progress",
     "juicer.reading",
+    "juicer.tasks.checks",
+    "juicer.tasks.content",
+    "juicer.tasks.discovery",
+    "juicer.tasks.task_name",
     "juicer.text",
     "juicer.yaml_reading",
     "stages.runtime",
     "stages.tracking",
 )
-"""Modules that carry results, or configuration that recipes hold anyway, without shaping them.
+"""Modules that carry results, or what recipes hold anyway (configuration, the content of tasks), without shaping them.
 
 A change there must not invalidate hours of work.
 """
 
 
-def code_version(entry: ModuleType | str) -> str:
+def code_version(entry: ModuleType | str, plugins: Iterable[str] = ()) -> str:
     """Hash of a module and of every first-party module it imports, directly or not.
 
     Comments, docstrings, layout and imports for type checking do not count; imports within functions do.
@@ -42,14 +44,20 @@ def code_version(entry: ModuleType | str) -> str:
 
     Args:
         entry: The module, or its dotted name.
+        plugins: What it works with beside, see :func:`juicer.artifacts.junctions.plugins_in`.
 
     Raises:
         ArtifactError: If the source, or a file that a module lists in ``ASSETS``, is not found.
     """
-    return digest("\n".join(f"{name} {version}" for name, version in module_versions(entry).items()).encode())
+    return version_of(module_versions(entry, plugins))
 
 
-def module_versions(entry: ModuleType | str) -> dict[str, str]:
+def version_of(modules: Mapping[str, str]) -> str:
+    """Hash of the versions of modules, by name, as one."""
+    return digest("\n".join(f"{name} {version}" for name, version in sorted(modules.items())).encode())
+
+
+def module_versions(entry: ModuleType | str, plugins: Iterable[str] = ()) -> dict[str, str]:
     """Hash of each module behind :func:`code_version`, by dotted name, sorted.
 
     A module that assigns a literal tuple of file patterns to ``ASSETS`` is hashed together with those files,
@@ -59,7 +67,14 @@ def module_versions(entry: ModuleType | str) -> dict[str, str]:
         ArtifactError: If the source, or a file that a module lists in ``ASSETS``, is not found.
     """
     name = entry if isinstance(entry, str) else entry.__name__
-    return _source_tree(_package_of(name)).versions(name)
+    plugins = frozenset(plugins)
+    packages = {_package_of(each) for each in (name, *plugins)}
+    return _source_tree(frozenset(packages)).versions(name, plugins)
+
+
+def junction_modules() -> list[str]:
+    """Every module of every member of the junctions, sorted."""
+    return _source_tree(frozenset()).junction_modules()
 
 
 def library_versions(names: Iterable[str]) -> dict[str, str]:
@@ -82,20 +97,28 @@ def _library_version(name: str) -> str:
 def home_of(module: str) -> Path:
     """Folder of the package that a module is in."""
     package = _package_of(module)
-    return _source_tree(package).packages[package]
+    return _source_tree(frozenset({package})).packages[package]
 
 
 def _package_of(module: str) -> str:
     return module.partition(".")[0]
 
 
+_SOURCES: dict[Path, Source] = {}
+"""Every file is read once a process."""
+
+
 @functools.cache
-def _source_tree(package: str) -> SourceTree:
-    """Source of a package and of ours."""
-    specs = {name: importlib.util.find_spec(name) for name in {*FIRST_PARTY, package}}
-    folders = {
-        name: Path(spec.submodule_search_locations[0])
-        for name, spec in specs.items()
-        if spec is not None and spec.submodule_search_locations
-    }
-    return SourceTree(folders, PLUMBING)
+def _source_tree(packages: frozenset[str]) -> SourceTree:
+    """Source of some packages and of ours."""
+    places = {name: place for name in {*OURS, *packages} if (place := _place_of(name))}
+    return SourceTree(places, PLUMBING, JUNCTIONS, _SOURCES)
+
+
+@functools.cache
+def _place_of(package: str) -> Path | None:
+    """Folder of a package; of a single module, its file without the ending."""
+    spec = importlib.util.find_spec(package)
+    if spec is not None and spec.submodule_search_locations:
+        return Path(spec.submodule_search_locations[0])
+    return Path(spec.origin).with_suffix("") if spec is not None and spec.origin else None

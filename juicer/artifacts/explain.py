@@ -18,7 +18,9 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ArtifactError
 
-Part = Literal["inputs", "config", "code", "files", "libraries"]
+Part = Literal["inputs", "config", "tasks", "code", "files", "libraries"]
+SHARED: tuple[Part, ...] = ("code", "libraries", "tasks")
+"""Parts whose differences are the same whichever stage has them."""
 Change = Literal["added", "removed", "changed"]
 
 IDENTITY_KEYS = frozenset({"task", "seed"})
@@ -31,7 +33,7 @@ class Difference:
 
     Attributes:
         part: Part of the recipe.
-        key: Role, dotted config key, module, file label or library.
+        key: Role, dotted config key, task and dotted entry, module, file label or library.
         change: What happened to it since the artifact that exists.
         old: Its value there; none if it was added.
         new: Its value in the recipe at hand; none if it was removed.
@@ -46,7 +48,7 @@ class Difference:
     @property
     def sentence(self) -> str:
         """The difference in words."""
-        thing = f"{_NOUNS[self.part]} '{self.key}'"
+        thing = f"task {self.key}" if self.part == "tasks" else f"{_NOUNS[self.part]} '{self.key}'"
         # The hashes of code and files would tell a reader nothing.
         told = self.part not in ("code", "files")
         if self.change == "added":
@@ -75,7 +77,7 @@ class Cause:
     @property
     def phrase(self) -> str:
         """The difference in words; settings under the name of their section, inputs and files under their stage's."""
-        if self.difference.part in ("code", "libraries"):
+        if self.difference.part in SHARED:
             return self.difference.sentence
         place = self.section if self.difference.part == "config" else self.stage
         return replace(self.difference, key=f"{place}.{self.difference.key}").sentence
@@ -226,7 +228,7 @@ class Explainer:
             }
             own += [difference for difference in compare(old, new) if difference.part != "inputs"]
             for difference in own:
-                shared = difference.part in ("code", "libraries")
+                shared = difference.part in SHARED
                 section = self._sections.get(new_ref, new.stage)
                 _add(found, Cause(new.stage, section, difference, (new.stage,) if shared else ()))
             self._causes[key] = tuple(found.values())
@@ -281,7 +283,7 @@ class Explainer:
 def _add(found: dict[str, Cause], cause: Cause) -> None:
     """Take in a cause; one that several stages or ways lead to is one cause with the consequences of all."""
     difference = cause.difference
-    place = "" if difference.part in ("code", "libraries") else cause.stage
+    place = "" if difference.part in SHARED else cause.stage
     key = json.dumps([place, difference.part, difference.key, difference.change, difference.old, difference.new])
     if key in found:
         cause = replace(found[key], consequences=_joined(found[key].consequences, cause.consequences))
@@ -300,6 +302,10 @@ def compare(old: Recipe, new: Recipe) -> Iterator[Difference]:
     """Every difference between two recipes of one stage."""
     yield from _differences("inputs", _named(old.inputs), _named(new.inputs))
     yield from _differences("config", _flat(old.config), _flat(new.config))
+    # Which tasks they are follows from configuration and inputs.
+    for task in sorted(old.tasks.keys() & new.tasks.keys()):
+        was, will_be = (_flat(_by_name(recipe.tasks[task]), f"{task}: ") for recipe in (old, new))
+        yield from _differences("tasks", was, will_be)
     if old.code != new.code:
         changed = list(_differences("code", old.modules, new.modules))
         # Without module versions there is only the version of the whole.
@@ -312,6 +318,7 @@ _NOUNS: Mapping[Part, str] = {
     "config": "config key",
     "files": "file",
     "inputs": "input",
+    "tasks": "task",
     "libraries": "library",
     "code": "code of",
 }
@@ -341,6 +348,18 @@ def _flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
         else:
             flat[f"{prefix}{key}"] = value
     return flat
+
+
+def _by_name(value: Any) -> Any:
+    """The same with lists of things as mappings: by their names or labels, or by their places."""
+    if isinstance(value, Mapping):
+        return {key: _by_name(item) for key, item in value.items()}
+    if not isinstance(value, list) or not any(isinstance(item, Mapping | list) for item in value):
+        return value
+    named = [item.get("name", item.get("label")) if isinstance(item, Mapping) else None for item in value]
+    names = [str(place if name is None else name) for place, name in enumerate(named)]
+    order = {"order": names} if any(named) else {}
+    return {**order, **{name: _by_name(item) for name, item in zip(names, value, strict=True)}}
 
 
 def _shown(value: Any) -> str:

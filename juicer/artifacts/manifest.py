@@ -182,6 +182,8 @@ class _RecipeBody(_Record):
     files: dict[str, str]
     libraries: dict[str, str]
     modules: dict[str, str] = {}
+    plugins: list[str] = []
+    tasks: dict[str, dict[str, Any]] = {}
 
 
 def _with_offset(text: str) -> str:

@@ -5,20 +5,13 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from juicer.announced import announced
 from juicer.errors import ArtifactNotFound, did_you_mean
 
-KINDS = (
-    "logs",
-    "episodes",
-    "columns",
-    "annotations",
-    "selection",
-    "dataset",
-    "checkpoint",
-    "evaluation",
-    "report",
-)
-"""Every kind of artifact."""
+_OURS = ("logs", "episodes", "columns", "annotations", "selection", "dataset", "checkpoint", "evaluation", "report")
+_WORD = re.compile(r"[a-z][a-z0-9_]{0,39}")
+KINDS = (*_OURS, *(name for name in announced("juicer.kinds") if _WORD.fullmatch(name) and name not in _OURS))
+"""Every kind of artifact: ours, and those that other packages announce for the stages that make them."""
 
 ID_LENGTH = 16
 _ID = re.compile(rf"[0-9a-f]{{{ID_LENGTH}}}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import threading
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,50 +14,107 @@ from juicer.errors import ArtifactError
 ASSETS = "ASSETS"
 """Name of the tuple in which a module lists the files beside it that it reads."""
 
+_INIT = "__init__.py"
+_NOTHING = ["Module", ")"]
+"""What the syntax tree of a file without code says."""
+
 
 @dataclass(frozen=True)
 class SourceTree:
     """Source of some packages, read once: the answers stay those of the code that this process runs.
 
     Attributes:
-        packages: Folder of each package, by name.
+        packages: Folder of each package, by name; of a single module, its file without the ending.
         plumbing: Modules and packages that imports are not followed into.
+        junctions: Packages whose folders are members: what imports all of them, to know them by name, depends on none.
+        sources: What has been read of files; trees that share it answer with the same state of them.
     """
 
     packages: Mapping[str, Path]
     plumbing: Collection[str] = ()
+    junctions: Collection[str] = ()
+    sources: dict[Path, Source] = field(default_factory=dict, repr=False)
     _modules: dict[str, _Module] = field(default_factory=dict, repr=False)
     # Models side by side ask at the same time, and Python 3.11 cannot parse in two threads at once.
     _lock: threading.Lock = field(default_factory=threading.Lock, repr=False, compare=False)
 
-    def versions(self, entry: str) -> dict[str, str]:
+    def versions(self, entry: str, plugins: Iterable[str] = ()) -> dict[str, str]:
         """Fingerprint of a module and of all that it imports from the packages, by dotted name, sorted.
 
+        A package that only says what it is has nothing to count.
+
+        Args:
+            entry: The module.
+            plugins: What it works with beside, without importing it by name: members of junctions, each with all that
+                lies in its folder, and single modules. Members of a junction that nothing reaches are left out.
+
         Raises:
-            ArtifactError: If the source of ``entry``, or a file that a module lists in ``ASSETS``, is not found.
+            ArtifactError: If the source of a module, or a file that one lists in ``ASSETS``, is not found.
         """
         found: dict[str, str] = {}
-        waiting = [entry, *self._resolve(_Import(entry), entry)]
+        plugins = set(plugins)
+        waiting = {entry, *self._resolve(_Import(entry), entry)}
         while waiting:
             name = waiting.pop()
-            if name not in found:
-                with self._lock:
-                    module = self._read(name)
-                found[name] = module.version
-                waiting += module.imports
-        return dict(sorted(found.items()))
+            with self._lock:
+                module = self._read(name)
+            found[name] = module.version
+            waiting |= {each for each in module.imports if self._is_followed(each, name)} - found.keys()
+            if not waiting:
+                chosen = {plugin for plugin in plugins if self._is_reached(plugin, found)}
+                plugins -= chosen
+                waiting = {name for plugin in chosen for name in self._modules_of(plugin)} - found.keys()
+        return {name: version for name, version in sorted(found.items()) if version}
+
+    def junction_modules(self) -> list[str]:
+        """Every module of every member of the junctions, sorted."""
+        inside = [module for junction in self.junctions for module in self._inside(junction)]
+        return sorted(module for module in inside if self._member(module))
+
+    def _member(self, name: str) -> str | None:
+        """The member that a module belongs to."""
+        for junction in self.junctions:
+            if name.startswith(f"{junction}."):
+                member = ".".join(name.split(".")[: junction.count(".") + 2])
+                path = self._locate(member)
+                return member if path and path.name == _INIT else None
+        return None
+
+    def _is_followed(self, name: str, importer: str) -> bool:
+        """Whether an import leads on: not if it only makes the members of a junction known."""
+        homes = {junction.partition(".")[0] for junction in self.junctions}
+        names_them = importer.partition(".")[0] in homes and not self._member(importer)
+        return not (names_them and self._member(name))
+
+    def _is_reached(self, plugin: str, found: Collection[str]) -> bool:
+        """Whether a plug-in can be met: a member only where the package around its junction is in use."""
+        member = self._member(plugin)
+        around = member.rsplit(".", 2)[0] if member else ""
+        return "." not in around or any(name.startswith(f"{around}.") for name in found)
+
+    def _modules_of(self, plugin: str) -> Iterator[str]:
+        yield from self._resolve(_Import(plugin), plugin)
+        yield from self._inside(plugin) if self._member(plugin) == plugin else (plugin,)
+
+    def _inside(self, package: str) -> Iterator[str]:
+        place = self._place(package)
+        if place is None:
+            return
+        for path in place.rglob("*.py"):
+            parts = path.relative_to(place).with_suffix("").parts
+            yield ".".join([package, *(part for part in parts if part != "__init__")])
 
     def _read(self, name: str) -> _Module:
         if name not in self._modules:
             path = self._locate(name)
             if path is None:
                 raise ArtifactError(f"module '{name}' has no source to compute a code version from")
-            walk = _Walk()
-            walk.visit(ast.parse(path.read_bytes(), filename=str(path)))
-            package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-            imports = {module for imported in walk.imports for module in self._resolve(imported, package)}
-            version = digest("\n".join([*walk.tokens, *_asset_lines(path, walk.assets)]).encode())
-            self._modules[name] = _Module(version, tuple(sorted(imports)))
+            if path not in self.sources:
+                self.sources[path] = Source.read(path)
+            source = self.sources[path]
+            package = name if path.name == _INIT else name.rpartition(".")[0]
+            imports = {module for imported in source.imports for module in self._resolve(imported, package)}
+            self._modules[name] = _Module(source.version, tuple(sorted(imports)))
         return self._modules[name]
 
     def _resolve(self, imported: _Import, package: str) -> Iterator[str]:
@@ -78,12 +135,41 @@ class SourceTree:
         return any(name == part or name.startswith(f"{part}.") for part in self.plumbing)
 
     def _locate(self, name: str) -> Path | None:
-        root, *parts = name.split(".")
-        if root not in self.packages:
+        place = self._place(name)
+        if place is None:
             return None
-        place = self.packages[root].joinpath(*parts)
-        candidates = (place / "__init__.py", place.with_suffix(".py"))
+        candidates = (place / _INIT, place.with_suffix(".py"))
         return next((path for path in candidates if path.is_file()), None)
+
+    def _place(self, name: str) -> Path | None:
+        root, *parts = name.split(".")
+        return self.packages[root].joinpath(*parts) if root in self.packages else None
+
+
+@dataclass(frozen=True)
+class Source:
+    """What counts of a file.
+
+    Attributes:
+        version: Its fingerprint; empty if it holds no code.
+        imports: Its import statements.
+    """
+
+    version: str
+    imports: tuple[_Import, ...]
+
+    @classmethod
+    def read(cls, path: Path) -> Source:
+        """Read a file.
+
+        Raises:
+            ArtifactError: If a file that it lists in ``ASSETS`` is not there.
+        """
+        walk = _Walk()
+        walk.visit(ast.parse(path.read_bytes(), filename=str(path)))
+        content = [*walk.tokens, *_asset_lines(path, walk.assets)]
+        version = "" if content == _NOTHING else digest("\n".join(content).encode())
+        return cls(version, tuple(walk.imports))
 
 
 @dataclass(frozen=True)

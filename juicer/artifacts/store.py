@@ -163,6 +163,14 @@ class ArtifactStore:
         with self._requiring(ref) as backend:
             return read_manifest(backend, ref)
 
+    def recipe(self, ref: ArtifactRef) -> Recipe:
+        """What an artifact was made of.
+
+        Raises:
+            ArtifactError: See :meth:`manifest`.
+        """
+        return self.manifest(ref).recipe
+
     def is_there(self) -> bool:
         """Whether there is a store at all."""
         return self._backend.is_there()

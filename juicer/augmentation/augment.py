@@ -25,7 +25,7 @@ from juicer.progress import Progress, silent_progress
 from juicer.seeding import stream
 from juicer.sim.env import AssemblyEnv
 from juicer.sim.pool import EnvironmentPool
-from juicer.storage.tables import Annotation
+from juicer.storage.annotations import Annotation
 from juicer.text import printable
 
 BLOCK_SIZE = 16

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 from juicer.errors import ConfigError
-from juicer.expert.corner import BASE_HANDLINGS, Corner
-from juicer.expert.handling import HANDLINGS, Habits
+from juicer.expert.corner import Corner
+from juicer.expert.habits import Habits
 from juicer.expert.mounting import Mounting, ScrewMounting
 from juicer.expert.pair_view import PairView
 from juicer.expert.sight import Sight
 from juicer.expert.skills import OPEN, Skill, rise
+from juicer.tasks.handling import Handling
 from juicer.tasks.specification import AssemblyTask, Joint
 
 _BETWEEN_PARTS_M = 0.13
@@ -29,13 +30,10 @@ class AssemblyOperator:
         Raises:
             ConfigError: If the operator does not know how to handle one of its parts.
         """
-        unknown = [task.parts[pair.second].name for pair in task.pairs if task.parts[pair.second].name not in HANDLINGS]
-        if unknown or task.parts[0].name not in BASE_HANDLINGS:
-            raise ConfigError(f"the scripted operator has not learned '{task.name}'")
         self._habits = habits
         self._corner = Corner(task, habits)
         self._mountings = [
-            _MOUNTINGS[pair.joint](task, PairView(task, index, HANDLINGS[task.parts[pair.second].name]), habits)
+            _MOUNTINGS[pair.joint](task, PairView(task, index, _handling(task, pair.second)), habits)
             for index, pair in enumerate(task.pairs)
         ]
 
@@ -60,3 +58,10 @@ class AssemblyOperator:
             other.view.mate_index == mounting.view.part_index and other.is_begun(sight) for other in self._mountings
         )
         return not covered and not mounting.view.is_seated(sight)
+
+
+def _handling(task: AssemblyTask, index: int) -> Handling:
+    part = task.parts[index]
+    if not isinstance(part.handling, Handling):
+        raise ConfigError(f"the scripted operator has not learned '{task.name}': it cannot mount '{part.name}'")
+    return part.handling

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
-from juicer.expert.handling import Habits
+from juicer.errors import ConfigError
+from juicer.expert.habits import Habits
 from juicer.expert.pair_view import OPEN_SHARE, downward
-from juicer.expert.pose import UP, Matrix, Pose, heading, turned, wrapped
+from juicer.expert.pose import UP, Pose, heading, turned, wrapped
 from juicer.expert.sight import Sight
 from juicer.expert.skills import CLOSE, OPEN, Skill, Stall, descend, grip, holding, reach, rise
 from juicer.sim.scene import home_xy
+from juicer.tasks.handling import BaseHandling
 from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask
 
 _PUSH_BEYOND_M = 0.002
@@ -22,52 +23,27 @@ PUSH_LEAD_M = 0.015
 _UPRIGHT_COSINE = math.cos(math.radians(5))
 
 
-@dataclass(frozen=True)
-class BaseHandling:
-    """How the first part is grasped to be pushed.
-
-    Attributes:
-        width_m: Its width between the fingers.
-        height_m: Height of the grasp above the table; the operator's habit if None.
-        rim_m: Distance of the grasp from the centre, towards the robot.
-        end_effector_yaw_rad: Yaw of the end effector, relative to the part.
-        straight: Rotation ``(3, 3)`` of the part when it is not turned.
-        symmetry_rad: Turn after which it looks the same.
-    """
-
-    width_m: float
-    height_m: float | None
-    rim_m: float
-    end_effector_yaw_rad: float
-    straight: Matrix
-    symmetry_rad: float
-
-
-_Y_UP = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-_Y_DOWN = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-
-BASE_HANDLINGS = {
-    "square_table_top": BaseHandling(0.00625, None, 0.078125, math.pi / 2, _Y_UP, 2 * math.pi),
-    "round_table_top": BaseHandling(0.0425, 0.026, 0.0, 0.0, _Y_UP, math.pi / 12),
-    "lamp_base": BaseHandling(0.0555, 0.058, 0.0, 0.0, _Y_DOWN, math.pi / 2),
-}
-"""By name of the part."""
-
-
 class Corner:
     """The first part of a task and its place in the corner."""
 
     def __init__(self, task: AssemblyTask, habits: Habits) -> None:
-        """Prepare to work on ``task``."""
+        """Prepare to work on ``task``.
+
+        Raises:
+            ConfigError: If it is not known how the part is handled.
+        """
         base = task.parts[0]
-        self._handling = BASE_HANDLINGS[base.name]
+        if not isinstance(base.handling, BaseHandling):
+            raise ConfigError(f"the scripted operator has not learned '{task.name}': it cannot push '{base.name}'")
+        self._handling = base.handling
+        self._straight = np.array(base.handling.straight)
         self._habits = habits
         self._open_width_m = OPEN_SHARE * task.gripper_width_m
         self.home_xy = np.array(home_xy(base))
 
     def yaw(self, sight: Sight) -> float:
         """How far the part is turned from how it shall lie [rad]."""
-        turn = sight.part(0).rotation @ self._handling.straight.T
+        turn = sight.part(0).rotation @ self._straight.T
         return wrapped(heading(turn[:, 0]), self._handling.symmetry_rad)
 
     def is_home(self, sight: Sight, tolerance_m: float, tolerance_rad: float) -> bool:
@@ -107,7 +83,7 @@ class Corner:
 
     def _tips(self, sight: Sight) -> bool:
         """Whether the part swings between the fingers, over the fence: let go, it falls back."""
-        upright = sight.part(0).rotation @ self._handling.straight.T
+        upright = sight.part(0).rotation @ self._straight.T
         return float(upright[2, 2]) < _UPRIGHT_COSINE
 
     def _push_goal(self, sight: Sight) -> Pose:

@@ -12,7 +12,7 @@ import numpy as np
 
 from juicer.expert.corner import PUSH_LEAD_M, leave
 from juicer.expert.gripper_room import Block, clears_fence, has_room, nearest_room, obstacles
-from juicer.expert.handling import Habits
+from juicer.expert.habits import Habits
 from juicer.expert.pair_view import EASY_YAW_RAD, STROKE_END_RAD, PairView, Seat, downward
 from juicer.expert.pose import UP, Matrix, Pose, Vector, cross, heading, length, swing, turned, wrapped
 from juicer.expert.sight import Sight

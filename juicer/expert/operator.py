@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from juicer.demonstration.operator import OperatorFactory, OperatorStep
 from juicer.expert.assembly import AssemblyOperator
-from juicer.expert.handling import Habits
+from juicer.expert.habits import Habits
 from juicer.expert.pose import turned
 from juicer.expert.sight import Sight
 from juicer.expert.skills import OPEN, Command, Skill

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from juicer.expert.handling import Handling
 from juicer.expert.pose import (
     UP,
     Matrix,
@@ -21,6 +20,7 @@ from juicer.expert.pose import (
     wrapped,
 )
 from juicer.expert.sight import Sight
+from juicer.tasks.handling import Handling
 from juicer.tasks.specification import AssemblyTask, PartSpec
 
 STROKE_END_RAD = math.radians(-5)

@@ -10,7 +10,7 @@ from juicer.config import StrictConfig
 from juicer.episode import Outcome
 from juicer.errors import ArtifactError, ConfigError
 from juicer.evaluation import ConditionResult, ModelResult, PairedComparison, compare, summarise
-from juicer.storage.tables import read_evaluation
+from juicer.storage.evaluations import read_evaluation
 
 
 class ReportRow(StrictConfig):

@@ -27,7 +27,7 @@ from juicer.reporting.content import (
 )
 from juicer.reporting.lineage import ancestors_of, checkpoint_of, nodes_of, read_lineage
 from juicer.storage.curves import CURVES_FILE, read_curves
-from juicer.storage.tables import EvaluationRow, read_evaluation
+from juicer.storage.evaluations import EvaluationRow, read_evaluation
 from juicer.tasks.registry import get_task
 
 _CURVES = {"train/loss": "training", "validation/loss": "validation"}

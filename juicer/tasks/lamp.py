@@ -10,6 +10,8 @@ The base stands with -y up. Deviations from the measured facts, each for a reaso
 
 from __future__ import annotations
 
+import math
+
 from juicer.tasks.furniture_bench import (
     BORE_RADIUS,
     MM,
@@ -20,6 +22,7 @@ from juicer.tasks.furniture_bench import (
     outer_thread,
     shoulder,
 )
+from juicer.tasks.handling import Y_DOWN, BaseHandling, Handling
 from juicer.tasks.specification import (
     AssemblyPair,
     AssemblyTask,
@@ -71,6 +74,14 @@ def _base() -> PartSpec:
         ),
         bores=(Bore((0.0, 0.0), BORE_RADIUS, 16.25 * MM, -45.8 * MM, -14.8 * MM),),
         threads=(inner_thread(-39.55 * MM, 180.0, bead_radius=_SMALLER_BEAD),),
+        handling=BaseHandling(
+            width_m=0.0555,
+            height_m=0.058,
+            rim_m=0.0,
+            end_effector_yaw_rad=0.0,
+            straight=Y_DOWN,
+            symmetry_rad=math.pi / 2,
+        ),
     )
 
 
@@ -88,6 +99,17 @@ def _bulb() -> PartSpec:
         pegs=(Peg(PEG_RADIUS, -53.0 * MM, -13.0 * MM),),
         threads=(outer_thread(-40.75 * MM, 180.0),),
         rolls=True,
+        handling=Handling(
+            half_size_m=(0.030, 0.060, 0.030),
+            pick_m=0.038,
+            pick_width_m=0.0595,
+            screw_m=0.038,
+            screw_width_m=0.0595,
+            flat_every_rad=math.pi / 36,
+            pick_below_m=0.008,
+            pick_play_m=0.003,
+            is_ball=True,
+        ),
     )
 
 
@@ -101,6 +123,19 @@ def _hood() -> PartSpec:
         footprint=(0.088, 0.088),
         rgb=(0.55, 0.62, 0.70),
         shells=(Shell(-51.417 * MM, 48.583 * MM, 26.0 * MM, 40.0 * MM, 4.0 * MM, 16),),
+        handling=Handling(
+            half_size_m=(0.044, 0.050, 0.044),
+            pick_m=-0.046,
+            pick_width_m=0.0655,
+            screw_m=-0.046,
+            screw_width_m=0.0655,
+            flat_every_rad=math.pi / 8,
+            lies=False,
+            around_m=0.0065,
+            aligned_m=0.0012,
+            clear_m=0.105,
+            pick_play_m=0.002,
+        ),
     )
 
 
@@ -125,7 +160,7 @@ _HIGH = (
     ),
 )
 
-LAMP = AssemblyTask(
+TASK = AssemblyTask(
     name="lamp",
     parts=_PARTS,
     base_label="base",

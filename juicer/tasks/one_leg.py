@@ -5,7 +5,7 @@ from __future__ import annotations
 from juicer.tasks.specification import AssemblyTask, Insertion
 from juicer.tasks.square_table import HIGH_LAYOUTS, SQUARE_TABLE_PARTS, leg_pair
 
-ONE_LEG = AssemblyTask(
+TASK = AssemblyTask(
     name="one_leg",
     parts=SQUARE_TABLE_PARTS,
     base_label="top",

@@ -29,6 +29,7 @@ from juicer.tasks.furniture_bench import (
     shoulder,
     upright_pose,
 )
+from juicer.tasks.handling import Y_UP, BaseHandling, Handling
 from juicer.tasks.specification import (
     AssemblyPair,
     AssemblyTask,
@@ -58,6 +59,14 @@ def _top() -> PartSpec:
         shells=(Shell(-1.25 * MM, 17.5 * MM, 93.75 * MM, 93.75 * MM, 6.25 * MM, 24),),
         bores=(Bore((0.0, 0.0), BORE_RADIUS, 21.25 * MM, 5.0 * MM, 31.25 * MM),),
         threads=(inner_thread(5.0 * MM, -130.7),),
+        handling=BaseHandling(
+            width_m=0.0425,
+            height_m=0.026,
+            rim_m=0.0,
+            end_effector_yaw_rad=0.0,
+            straight=Y_UP,
+            symmetry_rad=math.pi / 12,
+        ),
     )
 
 
@@ -78,6 +87,14 @@ def _leg() -> PartSpec:
         pegs=(Peg(PEG_RADIUS, -39.375 * MM, -13.125 * MM),),
         bores=(Bore((0.0, 0.0), BORE_RADIUS, 21.25 * MM, 13.125 * MM, 51.875 * MM),),
         threads=(outer_thread(-31.875 * MM, 90.0), inner_thread(24.375 * MM, -90.0)),
+        handling=Handling(
+            half_size_m=(0.0213, 0.052, 0.0213),
+            pick_m=0.034,
+            pick_width_m=0.0425,
+            screw_m=0.032,
+            screw_width_m=0.0425,
+            flat_every_rad=math.pi / 6,
+        ),
     )
 
 
@@ -106,6 +123,17 @@ def _base() -> PartSpec:
         balls=shoulder(-1.25 * MM),
         pegs=(Peg(PEG_RADIUS, -28.75 * MM, -1.25 * MM),),
         threads=(outer_thread(-20.0 * MM, -90.0),),
+        handling=Handling(
+            half_size_m=(0.065, 0.029, 0.065),
+            pick_m=0.004,
+            pick_width_m=0.0468,
+            screw_m=0.004,
+            screw_width_m=0.0468,
+            flat_rad=math.pi / 4,
+            turn_back_above_m=0.04,
+            lies=False,
+            pick_play_m=0.0022,
+        ),
     )
 
 
@@ -130,7 +158,7 @@ _HIGH = (
     ),
 )
 
-ROUND_TABLE = AssemblyTask(
+TASK = AssemblyTask(
     name="round_table",
     parts=_PARTS,
     base_label="top",

@@ -9,9 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 from juicer.errors import ConfigError, did_you_mean
 from juicer.text import printable
+
+if TYPE_CHECKING:
+    # What only the operator reads is no part of what everybody else does.
+    from juicer.tasks.handling import BaseHandling, Handling
 
 Vector = tuple[float, float, float]
 PoseValues = tuple[float, float, float, float, float, float, float]
@@ -143,6 +148,8 @@ class PartSpec:
         is_round: Whether the footprint is a disc.
         start_shift_m: Range of its random shift along x and y at reset, if it has one of its own.
         rolls: Whether it is kept from rolling while the scene settles; afterwards it lies until it is touched.
+        handling: How the scripted operator takes hold of it: to push it, if it is a task's first part, else to mount
+            it; none if that operator has not learned it.
     """
 
     name: str
@@ -161,6 +168,7 @@ class PartSpec:
     is_round: bool = False
     start_shift_m: tuple[float, float] | None = None
     rolls: bool = False
+    handling: BaseHandling | Handling | None = None
 
 
 class Joint(StrEnum):

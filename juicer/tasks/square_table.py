@@ -10,7 +10,10 @@ Deviations from the measured facts, each for a reason:
 
 from __future__ import annotations
 
+import math
+
 from juicer.tasks.furniture_bench import MM, base_pose, inner_thread, outer_thread, shoulder
+from juicer.tasks.handling import Y_UP, BaseHandling, Handling
 from juicer.tasks.specification import AssemblyPair, AssemblyTask, Bore, Box, Insertion, PartSpec, Peg, PoseValues
 
 HOLE_OFFSET = 56.25 * MM
@@ -52,6 +55,14 @@ def square_table_top() -> PartSpec:
         boxes=(plate, *_rim()),
         bores=tuple(Bore(hole, 12.5 * MM, 16.25 * MM, _PLATE_TOP, _RIM_TOP) for hole in HOLES_XZ),
         threads=tuple(inner_thread(_PLATE_TOP, 0.0, hole) for hole in HOLES_XZ),
+        handling=BaseHandling(
+            width_m=0.00625,
+            height_m=None,
+            rim_m=0.078125,
+            end_effector_yaw_rad=math.pi / 2,
+            straight=Y_UP,
+            symmetry_rad=2 * math.pi,
+        ),
     )
 
 
@@ -69,6 +80,9 @@ def square_table_leg(number: int, world_y: float, rgb: tuple[float, float, float
         balls=shoulder(-31.25 * MM),
         pegs=(Peg(10.0 * MM, -56.25 * MM, -31.25 * MM),),
         threads=(outer_thread(-50.0 * MM, 0.0),),
+        handling=Handling(
+            half_size_m=(0.015, 0.056, 0.015), pick_m=0.0115, pick_width_m=0.030, screw_m=0.012, screw_width_m=0.030
+        ),
     )
 
 
@@ -112,7 +126,7 @@ def leg_pair(number: int, label: str, hole: int) -> AssemblyPair:
 
 
 # In the benchmark's order. The holes farthest from the robot come first, so that no standing leg is in the way.
-SQUARE_TABLE = AssemblyTask(
+TASK = AssemblyTask(
     name="square_table",
     parts=SQUARE_TABLE_PARTS,
     base_label="top",

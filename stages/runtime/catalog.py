@@ -3,20 +3,42 @@
 from __future__ import annotations
 
 import importlib
+from importlib.metadata import EntryPoint
 from typing import Any
 
+from juicer.announced import announced, origin_of
 from juicer.errors import ConfigError, did_you_mean
+from juicer.text import printable
 from stages.runtime.names import STAGES
 from stages.runtime.stage import Stage
 
+GROUP = "juicer.stages"
+"""Entry points of stages from other packages: the name is the stage's, the object the stage."""
+
 
 def find_stage(name: str) -> Stage[Any]:
-    """Stage of a name.
+    """Stage of a name: one of ours, or one that another package announces by an entry point.
 
     Raises:
-        ConfigError: If there is none.
+        ConfigError: If there is none, or what announces it is broken.
     """
-    if name not in STAGES:
-        raise ConfigError(f"unknown stage '{name}'{did_you_mean(name, STAGES)}")
-    stage: Stage[Any] = getattr(importlib.import_module(f"stages.{name}"), name)
+    if name in STAGES:
+        stage: Stage[Any] = getattr(importlib.import_module(f"stages.{name}"), name)
+        return stage
+    others = announced(GROUP)
+    if name not in others:
+        raise ConfigError(f"unknown stage '{printable(name)}'{did_you_mean(name, (*STAGES, *others))}")
+    return _load(others[name])
+
+
+def _load(entry: EntryPoint) -> Stage[Any]:
+    try:
+        found = entry.load()
+        problem = "" if isinstance(found, Stage) and found.name == entry.name else "it is no stage of that name"
+    except Exception as error:  # whatever somebody else's module may raise
+        problem = f"{type(error).__name__}: {error}"
+    if problem:
+        origin = f"stage '{printable(entry.name)}', which is {origin_of(entry)},"
+        raise ConfigError(f"{origin} cannot be used: {printable(problem)}; mend it, or uninstall that package")
+    stage: Stage[Any] = found
     return stage

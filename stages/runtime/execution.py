@@ -83,10 +83,9 @@ def _fill(call: StageCall, session: Session, draft: Draft) -> None:
     work = Work(
         module=call.stage.body.__module__,
         name=call.stage.name,
-        modules=call.recipe.modules,
+        recipe=call.recipe,
         arguments=call.arguments,
         store=session.store,
-        ref=draft.ref,
         path=draft.path,
         scratch=draft.scratch,
         workers=session.workers,

@@ -26,15 +26,16 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-from juicer.artifacts.code_version import home_of, module_versions
+from juicer.artifacts.code_version import home_of
 from juicer.artifacts.draft import Draft
-from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ForeignCode, StageDied
 from juicer.progress import MetricSink, Progress
 from stages.runtime.context import StageContext, StageInterrupted
 from stages.runtime.names import STAGES
 from stages.runtime.socket_folder import make_socket_folder
+from stages.runtime.stage import unlike_recipe
 
 PRELOADED = (
     "torch",
@@ -61,17 +62,13 @@ _LOGGERS = ("juicer", "stages")
 
 @dataclass(frozen=True)
 class Work:
-    """A stage body with its arguments, fit to be sent to another process.
-
-    ``modules`` are the versions of the modules behind it that the artifact's recipe names.
-    """
+    """A stage body with its arguments, fit to be sent to another process, and the recipe of what it is to make."""
 
     module: str
     name: str
-    modules: Mapping[str, str]
+    recipe: Recipe
     arguments: Mapping[str, Any]
     store: ArtifactStore
-    ref: ArtifactRef
     path: Path
     scratch: Path
     workers: int
@@ -192,20 +189,19 @@ def _work(work: Work, sending: Connection, guarded: Connection) -> None:
 def _run_body(work: Work, voice: _Voice) -> dict[str, Any]:
     stage = getattr(importlib.import_module(work.module), work.name)
     _check_code(work)
-    draft = Draft(work.ref, work.path, work.scratch)
+    draft = Draft(work.recipe.ref, work.path, work.scratch)
     context = StageContext(work.store, draft, voice.progress, voice, work.workers, work.num_envs, work.device)
     stage.body(context, **work.arguments)
     return draft.summary
 
 
 def _check_code(work: Work) -> None:
-    """Refuse to make an artifact with other code than the one its recipe names.
+    """Refuse to make an artifact with other code, or other tasks, than those its recipe names.
 
     Raises:
         ForeignCode: Naming what differs.
     """
-    loaded = module_versions(work.module)
-    changed = sorted(name for name, _ in loaded.items() ^ work.modules.items())
+    changed = unlike_recipe(work.module, work.recipe)
     if changed:
         raise ForeignCode(
             f"stage '{work.name}' would run other code than its artifact is to be known by ({changed[0]} in "

@@ -5,8 +5,14 @@ Source that is edited later is then not taken for what runs; see :func:`stages.r
 
 from __future__ import annotations
 
-from juicer.artifacts.code_version import module_versions
+import importlib
+
+from juicer.artifacts.code_version import junction_modules, module_versions
 from stages.runtime.names import STAGES
 
-VERSIONS = {name: module_versions(f"stages.{name}") for name in STAGES}
-"""Versions of the modules behind each stage; reading them here keeps them, as source is read once a process."""
+PLUGINS = junction_modules()
+for _name in PLUGINS:
+    importlib.import_module(_name)
+VERSIONS = {name: module_versions(f"stages.{name}", PLUGINS) for name in STAGES}
+"""Versions of the modules behind each stage and behind every plug-in of ours; to read them here keeps them, as source
+is read once a process."""

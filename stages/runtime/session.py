@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Self
 
+from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from stages.runtime.context import Display, NoRecord, Record, SilentDisplay
@@ -33,6 +34,7 @@ class Session:
         forced: Names of stages that are recomputed even if their artifact is in the store.
         stop: Set when the user asked for an end.
         fresh: Ids made since the session began; they satisfy ``forced``.
+        recipes: Of every artifact that was called for since the session began, made or not.
     """
 
     store: ArtifactStore
@@ -48,10 +50,16 @@ class Session:
     forced: frozenset[str] = frozenset()
     stop: threading.Event = field(default_factory=threading.Event)
     fresh: set[str] = field(default_factory=set)
+    recipes: dict[ArtifactRef, Recipe] = field(default_factory=dict)
 
     def perform(self, call: StageCall) -> ArtifactRef:
         """Have a stage call made."""
+        self.recipes[call.recipe.ref] = call.recipe
         return self.performer(call, self)
+
+    def recipe(self, ref: ArtifactRef) -> Recipe:
+        """What an artifact is made of; a run in thought knows it before the artifact is there."""
+        return self.recipes[ref] if ref in self.recipes else self.store.recipe(ref)
 
     def for_model(self, label: str, record: Record) -> Self:
         """The same session for one condition and seed."""

@@ -9,6 +9,9 @@ things up, cache, retry, name paths or talk to MLflow; that is done here, once f
 
 All of them, the code behind the body and the versions of the libraries it names make the recipe, whose hash is the
 id of the artifact. If the store has that id, the body does not run.
+
+Tasks and plug-ins are not code that a body imports: a call concerns those that its configuration names and those that
+its inputs were made of, and no others.
 """
 
 from __future__ import annotations
@@ -18,11 +21,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Concatenate, Generic, ParamSpec, Protocol, get_origin, get_type_hints
 
-from juicer.artifacts.code_version import code_version, library_versions, module_versions
+from juicer.artifacts.code_version import library_versions, module_versions, version_of
+from juicer.artifacts.junctions import is_plugin, plugins_in
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.errors import WrongArtifactKind
+from juicer.tasks.content import task_content
+from juicer.tasks.task_name import tasks_in
 from stages.runtime.context import StageContext
 from stages.runtime.given_files import describe_files
 
@@ -40,7 +46,15 @@ class StageCall:
         self.recipe = recipe
 
 
-class Caller(Protocol):
+class Origins(Protocol):
+    """Knows what artifacts are made of, also those that are not made yet."""
+
+    def recipe(self, ref: ArtifactRef) -> Recipe:
+        """What an artifact is made of."""
+        ...
+
+
+class Caller(Origins, Protocol):
     """Has stage calls made."""
 
     def perform(self, call: StageCall) -> ArtifactRef:
@@ -73,10 +87,15 @@ class Stage(Generic[P]):
             WrongArtifactKind: If an input is of another kind than the stage reads.
             ConfigError: If a file from outside the store cannot be read.
         """
-        return caller.perform(self.prepare(*args, **kwargs))
+        return caller.perform(self.prepare(caller, *args, **kwargs))
 
-    def prepare(self, *args: P.args, **kwargs: P.kwargs) -> StageCall:
+    def prepare(self, origins: Origins, *args: P.args, **kwargs: P.kwargs) -> StageCall:
         """Everything about a call except its execution.
+
+        Args:
+            origins: Who knows what the inputs are made of.
+            args: None.
+            kwargs: The body's arguments.
 
         Raises:
             WrongArtifactKind: If an input is of another kind than the stage reads.
@@ -84,7 +103,7 @@ class Stage(Generic[P]):
         """
         if args:
             raise TypeError(f"stage '{self.name}' takes its inputs by keyword")
-        return StageCall(self, dict(kwargs), self._recipe(kwargs))
+        return StageCall(self, dict(kwargs), self._recipe(origins, kwargs))
 
     @cached_property
     def config_model(self) -> type[StrictConfig]:
@@ -96,7 +115,7 @@ class Stage(Generic[P]):
         """Whether a role of the body's arguments is a tuple."""
         return get_origin(get_type_hints(self.body)[role]) is tuple
 
-    def _recipe(self, arguments: Mapping[str, Any]) -> Recipe:
+    def _recipe(self, origins: Origins, arguments: Mapping[str, Any]) -> Recipe:
         inputs: dict[str, tuple[ArtifactRef, ...]] = {}
         for role, value in arguments.items():
             items = value if isinstance(value, tuple) else (value,)
@@ -107,16 +126,22 @@ class Stage(Generic[P]):
                 inputs[role] = items
             elif not all(isinstance(item, Path) for item in items):
                 raise TypeError(f"stage '{self.name}': '{role}' must be artifacts or paths, got {value!r}")
-        module = self.body.__module__
+        config, module = arguments[CONFIG], self.body.__module__
+        sources = [origins.recipe(ref) for refs in inputs.values() for ref in refs]
+        own = plugins_in(config) - module_versions(module).keys()
+        modules = module_versions(module, own.union(*(source.plugins for source in sources)))
+        tasks = tasks_in(config).union(*(source.tasks for source in sources))
         return Recipe(
             stage=self.name,
             kind=self.kind,
             inputs=inputs,
-            config=arguments[CONFIG].model_dump(mode="json"),
-            code=code_version(module),
+            config=config.model_dump(mode="json"),
+            code=version_of(modules),
             files=self.describe_files(arguments),
             libraries=library_versions(self._libraries),
-            modules=module_versions(module),
+            modules=modules,
+            plugins=tuple(sorted(own)),
+            tasks={name: task_content(name, modules) for name in sorted(tasks)},
         )
 
     def describe_files(self, arguments: Mapping[str, Any]) -> dict[str, str]:
@@ -140,6 +165,20 @@ class Stage(Generic[P]):
                     f"{ref} is of kind '{ref.kind}' but stage '{self.name}' needs '{expected}' for its {role}; "
                     f"see `juicer ls {expected}`"
                 )
+
+
+def unlike_recipe(module: str, recipe: Recipe) -> list[str]:
+    """Modules and tasks that are other ones in this process than a recipe names.
+
+    Args:
+        module: Where the body of the recipe's stage is.
+        recipe: What is to be made here.
+    """
+    plugins = [name for name in recipe.modules if is_plugin(name)]
+    modules = module_versions(module, plugins)
+    changed = sorted({name for name, _ in modules.items() ^ recipe.modules.items()})
+    tasks = {name: task_content(name, modules) for name in recipe.tasks}
+    return changed + [f"task {name}" for name, content in recipe.tasks.items() if tasks[name] != content]
 
 
 def stage(

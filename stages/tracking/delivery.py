@@ -24,7 +24,7 @@ from juicer.errors import ArtifactError
 from juicer.reporting.lineage import label_of, lineage_nodes
 from juicer.reporting.lineage_drawing import lineage_graph
 from juicer.storage.curves import read_curves
-from juicer.storage.tables import read_evaluation
+from juicer.storage.evaluations import read_evaluation
 from stages.tracking.journal import END, MADE, METRICS, RESULT, RESUMED, RUN, DeliveryState, Entry
 from stages.tracking.record import DATA_KINDS
 

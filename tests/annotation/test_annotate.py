@@ -13,7 +13,7 @@ from juicer.episode import STATE_KEY, Episode, Outcome
 from juicer.errors import InvalidLabels
 from juicer.geometry import quat_to_matrix, relative_pose
 from juicer.sim.env import AssemblyEnv
-from juicer.storage.tables import Annotation
+from juicer.storage.annotations import Annotation
 
 CONFIG = AnnotationConfig()
 

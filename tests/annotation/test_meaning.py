@@ -16,7 +16,7 @@ from juicer.demonstration.ingestion import Demonstration, IngestionConfig, inges
 from juicer.demonstration.log import OperatorLog, write_log
 from juicer.episode import Episode
 from juicer.errors import InvalidLabels
-from juicer.storage.tables import Annotation
+from juicer.storage.annotations import Annotation
 
 STEP = 142
 

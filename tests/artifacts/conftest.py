@@ -162,18 +162,13 @@ def _write_every_kind(store: ArtifactStore) -> ArtifactStore:
     from juicer.progress import NullMetricSink
     from juicer.reporting.content import ReportData
     from juicer.reporting.page import write_page
+    from juicer.storage.annotations import Annotation, write_annotations
     from juicer.storage.columns import write_columns
     from juicer.storage.curves import CurveWriter
     from juicer.storage.dataset import DatasetRow, write_dataset
     from juicer.storage.episodes import write_episodes
-    from juicer.storage.tables import (
-        Annotation,
-        EvaluationRow,
-        SelectionRow,
-        write_annotations,
-        write_evaluation,
-        write_selection,
-    )
+    from juicer.storage.evaluations import EvaluationRow, write_evaluation
+    from juicer.storage.selections import SelectionRow, write_selection
 
     rng = np.random.default_rng(0)
     sizes = {"part_poses": (14,), "sim_state": (12,)}

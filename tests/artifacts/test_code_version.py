@@ -21,9 +21,9 @@ def test_modules_with_different_code_have_different_versions() -> None:
 
 
 def test_the_modules_behind_a_version_are_known_by_name() -> None:
-    assert set(module_versions("juicer.storage.tables")) == {
+    assert set(module_versions("juicer.storage.evaluations")) == {
         "juicer.episode",
-        "juicer.storage",
+        "juicer.storage.evaluations",
         "juicer.storage.tables",
     }
 

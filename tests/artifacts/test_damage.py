@@ -26,7 +26,7 @@ from juicer.config import canonical_json
 from juicer.errors import ArtifactError, DamagedArtifact, StrayFile, UnreadableArtifact
 from juicer.storage.columns import ColumnReader
 from juicer.storage.episodes import EpisodeReader
-from juicer.storage.tables import EXAMPLES
+from juicer.storage.evaluations import EXAMPLES
 
 Make = Callable[..., ArtifactRef]
 

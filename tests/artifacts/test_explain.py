@@ -193,3 +193,28 @@ def test_of_equal_candidates_that_of_the_same_task_is_the_nearest(store: Artifac
     explanation = explain(store, replace(recipe, config={**recipe.config, "a": 2, "b": 2, "c": 2}))
     assert explanation.nearest is not None
     assert explanation.nearest.ref == own
+
+
+def _lamp(radius: float, mass: float = 0.04) -> dict[str, object]:
+    thread = {"bead_radius": radius}
+    return {"lamp": {"parts": [{"name": "base", "mass": 1.0}, {"name": "bulb", "mass": mass, "threads": [thread]}]}}
+
+
+def test_an_entry_of_a_task_is_named_with_its_values(store: ArtifactStore, recipe: Recipe, make: Make) -> None:
+    make(store, replace(recipe, tasks=_lamp(0.011)))
+    explanation = explain(store, replace(recipe, tasks=_lamp(0.012)))
+    assert explanation.reasons == ["task lamp: parts.bulb.threads.0.bead_radius is 0.012, it was 0.011"]
+
+
+def test_a_change_of_a_task_is_told_once_with_what_follows(store: ArtifactStore, recipe: Recipe, make: Make) -> None:
+    def both(tasks: dict[str, object]) -> tuple[Recipe, Recipe]:
+        data = Recipe("ingest", "episodes", tasks=tasks)
+        return data, replace(recipe, inputs={"episodes": (data.ref,)}, tasks=tasks)
+
+    for made in both(_lamp(0.011)):
+        make(store, made)
+    data, training = both(_lamp(0.012))
+    (reason,) = explain(store, training, [data]).reasons
+    assert reason == (
+        "task lamp: parts.bulb.threads.0.bead_radius is 0.012, it was 0.011, so ingest and train are computed again"
+    )

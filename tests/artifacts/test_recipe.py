@@ -23,6 +23,7 @@ FIRST, SECOND = ArtifactRef("episodes", "1" * 16), ArtifactRef("episodes", "2" *
         {"code": "0ther"},
         {"files": {"log": "cd" * 32}},
         {"libraries": {"numpy": "2.4.7"}},
+        {"tasks": {"lamp": {"max_steps": 1}}},
     ],
 )
 def test_every_part_of_a_recipe_changes_its_id(recipe: Recipe, change: dict[str, object]) -> None:
@@ -42,8 +43,8 @@ def test_a_role_without_inputs_does_not_change_the_id(recipe: Recipe) -> None:
     assert replace(recipe, inputs={"selections": ()}).id == recipe.id
 
 
-def test_module_versions_explain_but_do_not_identify(recipe: Recipe) -> None:
-    assert replace(recipe, modules={"juicer.geometry": "f00"}).id == recipe.id
+def test_module_versions_and_plugins_explain_but_do_not_identify(recipe: Recipe) -> None:
+    assert replace(recipe, modules={"juicer.geometry": "f00"}, plugins=("lab.head",)).id == recipe.id
 
 
 def test_an_id_never_changes_by_accident() -> None:
@@ -56,8 +57,10 @@ def test_an_id_never_changes_by_accident() -> None:
 
 def test_a_recipe_reads_back_from_its_json(recipe: Recipe) -> None:
     full = replace(recipe, inputs={"a": (FIRST, SECOND)}, config={"x": (1, 2)}, modules={"juicer.geometry": "f00"})
+    full = replace(full, plugins=("lab.head",), tasks={"lamp": {"parts": (1, 2.5)}})
     assert Recipe.from_json(full.to_json()) == full
     assert Recipe.from_json(full.to_json()).modules == full.modules
+    assert Recipe.from_json(full.to_json()).plugins == full.plugins
 
 
 def test_parents_are_named_once(recipe: Recipe) -> None:

@@ -195,7 +195,7 @@ def zarr_and_parquet(folder: Path) -> None:
 
 
 def parquet(folder: Path) -> None:
-    from juicer.storage.tables import SelectionRow, write_selection
+    from juicer.storage.selections import SelectionRow, write_selection
 
     rng = np.random.default_rng(0)
     write_selection(folder, [SelectionRow(str(index), True, rng.bytes(20).hex()) for index in range(60_000)])

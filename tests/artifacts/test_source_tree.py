@@ -47,7 +47,6 @@ REACHED = {
     "pkg.middle",
     "pkg.constants",
     "pkg.late",
-    "pkg.sub",
     "pkg.sub.leaf",
     "pkg.sub.other",
 }
@@ -147,3 +146,46 @@ def test_a_module_without_source_is_named(tmp_path: Path) -> None:
 def test_a_declared_asset_must_exist(tmp_path: Path) -> None:
     with pytest.raises(ArtifactError, match=r"asset 'missing\.xml'"):
         versions(tmp_path, {"constants.py": "ASSETS = ('missing.xml',)\n"})
+
+
+JUNCTION = {
+    "heads/__init__.py": '"""Junction."""\n',
+    "heads/shared.py": "from pkg.unrelated import X\n",
+    "heads/one/__init__.py": '"""Member."""\n',
+    "heads/one/config.py": "from pkg.heads.shared import X\n",
+    "heads/one/network.py": "from pkg.heads.two.config import SIZE\nfrom pkg.late import late\n",
+    "heads/two/__init__.py": '"""Member."""\n',
+    "heads/two/config.py": "SIZE = 2\n",
+    "heads/two/network.py": "SIZE = 2\n",
+    "late.py": "from pkg.heads.one.config import X\nfrom pkg.heads.two.config import SIZE\n",
+}
+ONE = {"pkg.heads.shared", "pkg.heads.one.config", "pkg.heads.one.network", "pkg.heads.two.config", "pkg.unrelated"}
+
+
+def at_junction(folder: Path, plugins: tuple[str, ...], changes: Mapping[str, str] | None = None) -> dict[str, str]:
+    versions(folder, {**JUNCTION, **(changes or {})})
+    return SourceTree({"pkg": folder / "pkg"}, junctions=("pkg.heads",)).versions("pkg.entry", plugins)
+
+
+def test_what_knows_all_members_of_a_junction_depends_on_none(tmp_path: Path) -> None:
+    before = at_junction(tmp_path, ())
+    assert set(before) == REACHED
+    assert at_junction(tmp_path, (), {"heads/three/__init__.py": "", "heads/two/network.py": "SIZE = 3\n"}) == before
+
+
+def test_a_chosen_member_counts_with_its_whole_folder_and_what_that_imports(tmp_path: Path) -> None:
+    assert set(at_junction(tmp_path, ("pkg.heads.one",))) == REACHED | ONE
+
+
+def test_another_member_counts_only_if_the_chosen_one_imports_it(tmp_path: Path) -> None:
+    before = at_junction(tmp_path, ("pkg.heads.one",))
+    assert at_junction(tmp_path, ("pkg.heads.one",), {"heads/two/network.py": "SIZE = 3\n"}) == before
+    after = at_junction(tmp_path, ("pkg.heads.one",), {"heads/two/config.py": "SIZE = 3\n"})
+    assert {name for name in after if after[name] != before[name]} == {"pkg.heads.two.config"}
+
+
+def test_a_member_does_not_concern_what_never_meets_its_junction(tmp_path: Path) -> None:
+    nested = {f"policy/{name}": content.replace("pkg.heads", "pkg.policy.heads") for name, content in JUNCTION.items()}
+    versions(tmp_path, {name: content for name, content in nested.items() if name != "policy/late.py"})
+    tree = SourceTree({"pkg": tmp_path / "pkg"}, junctions=("pkg.policy.heads",))
+    assert set(tree.versions("pkg.entry", ("pkg.policy.heads.two",))) == REACHED

@@ -17,8 +17,8 @@ from juicer.augmentation.verify import RejectionReason
 from juicer.episode import Episode, Outcome
 from juicer.errors import ArtifactError
 from juicer.sim.env import AssemblyEnv
+from juicer.storage.annotations import Annotation
 from juicer.storage.episodes import EpisodeReader, write_episodes
-from juicer.storage.tables import Annotation
 
 STEP = 16
 CONFIG = AugmentationConfig(num_snippets=3)

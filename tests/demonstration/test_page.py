@@ -14,8 +14,8 @@ from flows.loop import get_demonstrations
 from juicer.annotation.propose import AnnotationConfig
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
+from juicer.storage.annotations import read_annotations
 from juicer.storage.episodes import EpisodeReader
-from juicer.storage.tables import read_annotations
 from stages.annotate import annotate
 from stages.runtime.execution import perform_here
 from stages.runtime.session import Session

@@ -81,8 +81,8 @@ def test_recorded_actions_replay_to_the_recorded_states(log: OperatorLog):
 
 def test_an_operator_needs_to_have_learned_the_task():
     task = get_task("one_leg")
-    top = dataclasses.replace(task.parts[0], name="tray")
-    with pytest.raises(ConfigError, match="has not learned 'one_leg'"):
+    top = dataclasses.replace(task.parts[0], handling=None)
+    with pytest.raises(ConfigError, match="has not learned 'one_leg': it cannot push 'square_table_top'"):
         ScriptedOperator(dataclasses.replace(task, parts=(top, *task.parts[1:])), np.random.default_rng(0))
 
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from juicer.expert.handling import HANDLINGS, Habits
+from juicer.expert.habits import Habits
 from juicer.expert.mounting import ScrewMounting
 from juicer.expert.operator import ScriptedOperator
 from juicer.expert.pair_view import PairView
@@ -20,7 +20,7 @@ from juicer.sim.env import AssemblyEnv
 from juicer.tasks.registry import get_task
 
 TASK = get_task("one_leg")
-VIEW = PairView(TASK, 0, HANDLINGS["square_table_leg4"])
+VIEW = PairView(TASK, 0, TASK.parts[4].handling)
 MOUNTING = ScrewMounting(TASK, VIEW, Habits.draw(np.random.default_rng(0)))
 
 
@@ -109,7 +109,7 @@ def test_every_part_of_a_lamp_is_taken_up_once_and_brought_by_an_arm_that_can_mo
 )
 def test_the_funnel_ends_where_the_tip_of_the_peg_meets_the_rim(name, depths_mm):
     task = get_task(name)
-    views = [PairView(task, index, HANDLINGS[task.parts[pair.second].name]) for index, pair in enumerate(task.pairs)]
+    views = [PairView(task, index, task.parts[pair.second].handling) for index, pair in enumerate(task.pairs)]
     assert [1e3 * view.depth_m for view in views] == pytest.approx(depths_mm)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from juicer.expert.corner import Corner
-from juicer.expert.handling import HANDLINGS, Habits
+from juicer.expert.habits import Habits
 from juicer.expert.pair_view import STROKE_END_RAD, PairView, downward
 from juicer.expert.pose import Pose, pose_of
 from juicer.expert.sight import Sight
@@ -16,7 +16,7 @@ from juicer.geometry import axis_rotation, matrix_to_quat
 from juicer.tasks.registry import get_task
 
 TASK = get_task("one_leg")
-VIEW = PairView(TASK, 0, HANDLINGS["square_table_leg4"])
+VIEW = PairView(TASK, 0, TASK.parts[4].handling)
 CORNER = Corner(TASK, Habits.draw(np.random.default_rng(0)))
 HOME_XY = CORNER.home_xy
 PAIR = TASK.pairs[0]

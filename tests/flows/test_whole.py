@@ -167,7 +167,10 @@ def test_damaged_checkpoint_is_repaired(data, first):
     finish(juicer(data, "evaluate", checkpoint, "-n", "1", "--seed-start", "9"))
 
 
-RECORDING = record.prepare(config=RecordConfig(task="one_leg", randomness="low", demonstrations=1, first=50))
+RECORDING = record.prepare(
+    Session(ArtifactStore("nowhere"), perform_here),
+    config=RecordConfig(task="one_leg", randomness="low", demonstrations=1, first=50),
+)
 
 
 def test_a_stage_does_not_wait_for_ever_for_a_machine_to_serve_it(data, server, monkeypatch):

@@ -30,7 +30,7 @@ from juicer.policy.config import DiffusionConfig, HorizonConfig, MLPConfig, MLPD
 from juicer.policy.replay import ReplayPolicy
 from juicer.rollout import Policy, rollout
 from juicer.seed_ranges import Purpose, claim
-from juicer.storage.tables import Annotation
+from juicer.storage.annotations import Annotation
 from juicer.tasks.registry import TASK_NAMES, get_task
 from juicer.training.config import PhysicalStateNoise, TrainingConfig, WindowConfig
 from juicer.training.trainer import TrainedCheckpoint, train

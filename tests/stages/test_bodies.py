@@ -35,9 +35,11 @@ from juicer.policy.config import HorizonConfig
 from juicer.reporting.comparison import ReportRow
 from juicer.reporting.report import gather
 from juicer.rollout import rollout
+from juicer.storage.annotations import read_annotations
 from juicer.storage.curves import read_curves
 from juicer.storage.episodes import EpisodeReader, write_episodes
-from juicer.storage.tables import read_annotations, read_evaluation, read_selection, write_evaluation
+from juicer.storage.evaluations import read_evaluation, write_evaluation
+from juicer.storage.selections import read_selection
 from juicer.training.config import TrainingConfig, WindowConfig
 from juicer.training.mixing import DatasetConfig
 from stages.annotate import annotate
@@ -404,8 +406,8 @@ def test_addresses_of_pages_are_shown_but_are_no_part_of_a_report_s_identity(loo
     links = {"MLflow": "https://mlflow.example.org/#/experiments"}
     with_links = ReportConfig(title="Addresses", rows=(ReportRow(condition="TA", seed=0),), links=links)
     without = with_links.model_copy(update={"links": {}})
-    found = report.prepare(evaluations=(loop.evaluation,), config=with_links).recipe
-    assert found.id == report.prepare(evaluations=(loop.evaluation,), config=without).recipe.id
+    found = report.prepare(loop.session, evaluations=(loop.evaluation,), config=with_links).recipe
+    assert found.id == report.prepare(loop.session, evaluations=(loop.evaluation,), config=without).recipe.id
     ref = report(loop.session, evaluations=(loop.evaluation,), config=with_links)
     assert links["MLflow"] in (loop.store.open(ref) / "report.html").read_text()
 

@@ -16,14 +16,8 @@ import pytest
 from juicer.errors import ArtifactError
 from juicer.storage.curves import CURVES_FILE, read_curves
 from juicer.storage.episodes import EpisodeReader, write_episodes
-from juicer.storage.tables import (
-    EvaluationRow,
-    SelectionRow,
-    read_evaluation,
-    read_selection,
-    write_evaluation,
-    write_selection,
-)
+from juicer.storage.evaluations import EvaluationRow, read_evaluation, write_evaluation
+from juicer.storage.selections import SelectionRow, read_selection, write_selection
 
 Edit = Callable[[dict[str, Any]], None]
 

@@ -8,17 +8,9 @@ import pytest
 
 from juicer.episode import Outcome
 from juicer.errors import ArtifactError
-from juicer.storage.tables import (
-    Annotation,
-    EvaluationRow,
-    SelectionRow,
-    read_annotations,
-    read_evaluation,
-    read_selection,
-    write_annotations,
-    write_evaluation,
-    write_selection,
-)
+from juicer.storage.annotations import Annotation, read_annotations, write_annotations
+from juicer.storage.evaluations import EvaluationRow, read_evaluation, write_evaluation
+from juicer.storage.selections import SelectionRow, read_selection, write_selection
 
 
 def test_annotations_read_back(tmp_path: Path) -> None:

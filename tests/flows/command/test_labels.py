@@ -14,7 +14,7 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import DEMONSTRATION, SIMULATOR, Episode, Role, Schema
 from juicer.storage.episodes import write_episodes
-from juicer.storage.tables import Annotation, write_annotations
+from juicer.storage.annotations import Annotation, write_annotations
 
 
 @pytest.fixture

@@ -26,5 +26,5 @@ def test_a_stage_that_is_forced_here_is_forced_there(monkeypatch, tmp_path, forc
     monkeypatch.setattr("flows.remote.dispatch.run_deployment", run_deployment)
     session = replace(Session(ArtifactStore(tmp_path), perform_here), forced=frozenset({"record"} if forced else ()))
     with pytest.raises(ServiceUnavailable):
-        send(record.prepare(config=RecordConfig(task="one_leg", randomness="low")), session)
+        send(record.prepare(session, config=RecordConfig(task="one_leg", randomness="low")), session)
     assert asked == [forced]

@@ -19,7 +19,7 @@ from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Outcome
 from juicer.errors import TrainingFailed
 from juicer.reporting.report import configuration_text
-from juicer.storage.tables import EvaluationRow, write_evaluation
+from juicer.storage.evaluations import EvaluationRow, write_evaluation
 from stages.evaluate import facts
 from stages.runtime.context import StageInterrupted
 from stages.runtime.session import Session

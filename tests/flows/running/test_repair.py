@@ -34,7 +34,7 @@ def session(tmp_path):
 @pytest.fixture
 def selection(session, episode_factory):
     """A selection, and the episodes it was made from."""
-    call = select.prepare(episodes=_rollouts(session, episode_factory), config=SelectConfig())
+    call = select.prepare(session, episodes=_rollouts(session, episode_factory), config=SelectConfig())
     return execute(call, session).ref
 
 
@@ -224,12 +224,14 @@ def test_changed_code_is_named_as_the_reason_why_not(session, selection):
     recipe = session.store.manifest(selection).recipe
     modules = {**recipe.modules, "stages.select": "another version"}
     with pytest.raises(ArtifactError, match=r"cannot be made again as it was: code of 'stages\.select' changed"):
-        rebuild_call(replace(recipe, code="another version", modules=modules), None)
+        rebuild_call(replace(recipe, code="another version", modules=modules), None, session)
 
 
 def test_files_from_outside_are_asked_for(session, selection, tmp_path):
     recipe = session.store.manifest(selection).recipe
     with pytest.raises(ArtifactError, match=r"made from the file 'a\.npz'; say with --files where that is"):
         rebuild_call(
-            replace(recipe, stage="ingest", config={"task": "one_leg"}, inputs={}, files={"files/a.npz": "00"}), None
+            replace(recipe, stage="ingest", config={"task": "one_leg"}, inputs={}, files={"files/a.npz": "00"}),
+            None,
+            session,
         )

@@ -49,7 +49,7 @@ def test_a_change_is_named():
 
 def test_a_file_that_changes_between_hashing_and_reading_makes_no_artifact(toys, session, tmp_path: Path):
     (note := tmp_path / "note").write_text("one")
-    call = toys.count.prepare(episodes=(), notes=(note,), config=toys.ToyConfig())
+    call = toys.count.prepare(session, episodes=(), notes=(note,), config=toys.ToyConfig())
     note.write_text("two")
     with pytest.raises(ConfigError, match="file 'note' changed while it was read"):
         execute(call, session)

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from juicer.errors import ForeignCode, StageDied
+from stages.record import RecordConfig, record
 from stages.runtime.context import StageInterrupted
 from stages.runtime.execution import execute
 
@@ -39,8 +40,16 @@ def test_process_that_is_killed_is_named(toys, isolated, store):
     assert store.refs() == []
 
 
+def test_another_task_than_the_recipe_names_makes_nothing(isolated, store):
+    call = record.prepare(isolated, config=RecordConfig(task="lamp", randomness="low", demonstrations=1))
+    call.recipe.tasks["lamp"]["max_steps"] = 7
+    with pytest.raises(ForeignCode, match=r"stage 'record' would run other code .*\(task lamp in"):
+        execute(call, isolated)
+    assert store.refs() == []
+
+
 def test_other_code_than_the_recipe_names_makes_nothing(toys, isolated, store):
-    call = toys.write.prepare(config=toys.ToyConfig())
+    call = toys.write.prepare(isolated, config=toys.ToyConfig())
     call.recipe.modules["toys.simple"] = "of another checkout"
     with pytest.raises(ForeignCode, match=r"stage 'write' would run other code .*\(toys.simple in '.*toys' differs\)"):
         execute(call, isolated)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
 
 import pytest
@@ -111,3 +112,27 @@ def test_stage_knows_its_config_and_which_roles_take_many(toys):
     assert toys.count.takes_many("episodes")
     assert not toys.write.takes_many("config")
     assert toys.write.description == "Write some words."
+
+
+def test_a_plug_in_from_outside_counts_where_it_is_chosen_and_for_what_works_with_the_result(
+    toys, session, store, tmp_path, monkeypatch
+):
+    (tmp_path / "gadget.py").write_text(
+        "from typing import ClassVar\nfrom toys.simple import ToyConfig\n\n\n"
+        "class GadgetConfig(ToyConfig):\n    network: ClassVar[str] = 'gadget_engine:Engine'\n"
+    )
+    (tmp_path / "gadget_engine.py").write_text("class Engine:\n    pass\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    gadget = importlib.import_module("gadget")
+    episodes = toys.write(session, config=gadget.GadgetConfig())
+    counted = toys.count(session, episodes=(episodes,), config=toys.ToyConfig())
+    again = toys.count(session, episodes=(counted_anew(toys, session),), config=toys.ToyConfig())
+    assert store.recipe(episodes).plugins == ("gadget", "gadget_engine")
+    assert {"gadget", "gadget_engine"} <= set(store.recipe(counted).modules)
+    assert store.recipe(counted).plugins == ()
+    assert "gadget" not in store.recipe(again).modules
+
+
+def counted_anew(toys, session):
+    """Episodes that no gadget made."""
+    return toys.write(session, config=toys.ToyConfig(words=5))

@@ -1,0 +1,73 @@
+"""What can be told to be wrong with a task that somebody else wrote, before physics is built of it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import asdict
+from functools import cache
+
+from pydantic import TypeAdapter, ValidationError
+
+from juicer.config import canonical_json
+from juicer.tasks import handling, specification
+from juicer.tasks.specification import AssemblyPair, AssemblyTask, Grasp
+
+_NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
+
+
+def check_task(task: object, name: str) -> str:
+    """What is wrong with a task that is announced under a name, as a clause; empty if nothing is.
+
+    Types, finite numbers, names, and that every index and layout points at a part or pair that is there.
+    """
+    if not isinstance(task, AssemblyTask):
+        return f"it is no AssemblyTask but {type(task).__name__}"
+    try:
+        canonical_json(asdict(task))
+        if _schema().validate_python(asdict(task)) != task:
+            return "it holds a text in the place of a number, or the like"
+    except ValidationError as error:
+        first = error.errors()[0]
+        return f"its {'.'.join(map(str, first['loc']))}: {first['msg']}"
+    except (TypeError, ValueError) as error:
+        return f"it holds what is no finite number, text or tuple: {error}"
+    return next(_contradictions(task, name), "")
+
+
+def _contradictions(task: AssemblyTask, name: str) -> Iterator[str]:
+    if task.name != name or not _NAME.fullmatch(name):
+        yield f"it calls itself '{task.name}'; both names must be the same lower-case words, joined by underscores"
+    if not task.parts or not task.pairs:
+        yield "it has no parts or no pairs"
+    if len({part.name for part in task.parts}) < len(task.parts):
+        yield "two of its parts have one name"
+    if len({pair.label for pair in task.pairs}) < len(task.pairs):
+        yield "two of its pairs have one label"
+    for place, pair in enumerate(task.pairs):
+        yield from _pair_contradictions(pair, place, range(len(task.parts)))
+    if {len(layout) for layout in task.high_layouts} - {len(task.parts)}:
+        yield "each of its layouts must hold a pose a part"
+    for state in task.critical_states:
+        known, index = (task.parts, state.part) if isinstance(state, Grasp) else (task.pairs, state.pair)
+        if index not in range(len(known)):
+            yield f"its critical state {state} is of nothing that is there"
+    if min(task.max_steps, task.gripper_width_m, *(part.mass for part in task.parts)) <= 0:
+        yield "step limit, gripper width and masses must be positive"
+
+
+def _pair_contradictions(pair: AssemblyPair, place: int, parts: range) -> Iterator[str]:
+    if pair.first not in parts or pair.second not in parts or pair.first == pair.second:
+        yield f"pair '{pair.label}' joins parts {pair.first} and {pair.second} of {len(parts)}"
+    if pair.operator_target not in range(len(pair.targets)):
+        yield f"pair '{pair.label}' has no target {pair.operator_target}"
+    if not set(pair.after) <= set(range(place)):
+        yield f"pair '{pair.label}' waits for a pair that does not come before it"
+
+
+@cache
+def _schema() -> TypeAdapter[AssemblyTask]:
+    schema = TypeAdapter(AssemblyTask)
+    # The specification names the operator's types for type checkers only.
+    schema.rebuild(force=True, _types_namespace={**vars(specification), **vars(handling)})
+    return schema
