@@ -64,8 +64,8 @@ class Evaluation:
     @property
     def table(self) -> pd.DataFrame:
         """A row an episode."""
-        from juicer.storage.frames import frame_of
         from juicer.storage.evaluations import EvaluationRow
+        from juicer.storage.frames import frame_of
 
         return frame_of(self.rows, EvaluationRow)
 

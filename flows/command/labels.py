@@ -29,8 +29,8 @@ def write_labels_file(text: str, path: Path, numbered: Path | None) -> None:
 
 def _annotated(store: ArtifactStore, ref: ArtifactRef) -> list[Label]:
     from juicer.annotation.rewriting import labels_of
-    from juicer.storage.episodes import EpisodeReader
     from juicer.storage.annotations import read_annotations
+    from juicer.storage.episodes import EpisodeReader
 
     if ref.kind != "annotations":
         raise WrongArtifactKind(f"{ref} holds no critical states; see `juicer ls annotations`")

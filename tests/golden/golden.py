@@ -25,7 +25,8 @@ from juicer.augmentation.config import AugmentationConfig
 from juicer.demonstration.ingestion import Ingestion, IngestionConfig
 from juicer.demonstration.log import OperatorLog
 from juicer.demonstration.recording import recordings
-from juicer.episode import Episode
+from juicer.episode import Episode, EpisodeRecord
+from juicer.expert.operator import scripted_operators
 from juicer.policy.config import DiffusionConfig, HorizonConfig, MLPConfig, MLPDenoiserConfig, PolicyConfig, UNetConfig
 from juicer.policy.replay import ReplayPolicy
 from juicer.rollout import Policy, rollout
@@ -124,7 +125,7 @@ def digest(values: np.ndarray[Any, Any]) -> str:
 @cache
 def recording(task: str, seed: int) -> OperatorLog:
     """What the recorder hands to ingestion: idle steps are still in it."""
-    (log,) = recordings(task, "low", claim(Purpose.DEMONSTRATIONS, seed, 1))
+    (log,) = recordings(task, "low", claim(Purpose.DEMONSTRATIONS, seed, 1), scripted_operators(0))
     return log
 
 
@@ -143,6 +144,11 @@ def describe_recording(task: str, seed: int) -> dict[str, Any]:
 class Demonstrations(list[Episode]):
     """Episodes by number, in memory."""
 
+    @property
+    def records(self) -> list[EpisodeRecord]:
+        """Facts about every episode."""
+        return [episode.record for episode in self]
+
     def read(self, index: int) -> Episode:
         """The episode of a number."""
         return self[index]
@@ -160,7 +166,7 @@ def attempts(
 ) -> list[Snippet | FailedAttempt]:
     """Snippets and refusals in their order, until there are as many snippets as wanted."""
     config = AugmentationConfig(num_snippets=num_snippets)
-    return list(augment(episodes, annotations, config, artifact="golden", seed=0, num_workers=1))
+    return list(augment(episodes, annotations, config, seed=0, num_workers=1))
 
 
 def describe_snippets(task: str) -> list[Any]:
@@ -197,7 +203,7 @@ def training_data() -> TrainingEpisodes:
     annotations = list(annotate(episodes, AnnotationConfig(), num_workers=1))
     snippets = [made.episode for made in attempts(episodes, annotations, SNIPPETS) if isinstance(made, Snippet)]
     both = [*episodes, *snippets]
-    families = [f"golden/{index}" for index in range(len(episodes))]
+    families = {episode.record.episode_id: f"golden/{index}" for index, episode in enumerate(episodes)}
     return TrainingEpisodes(
         observations={
             name: np.concatenate([episode.steps[name] for episode in both]).astype(np.float32)
@@ -205,7 +211,7 @@ def training_data() -> TrainingEpisodes:
         },
         actions=np.concatenate([episode.steps["action"] for episode in both]).astype(np.float32),
         episode_ends=np.cumsum([len(episode) for episode in both], dtype=np.int64),
-        families=families + [str(snippet.record.parent) for snippet in snippets],
+        families=[*families.values(), *(families[str(snippet.record.parent)] for snippet in snippets)],
         sources=[str(episode.record.source) for episode in both],
     )
 

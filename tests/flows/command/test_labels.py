@@ -13,8 +13,8 @@ from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import DEMONSTRATION, SIMULATOR, Episode, Role, Schema
-from juicer.storage.episodes import write_episodes
 from juicer.storage.annotations import Annotation, write_annotations
+from juicer.storage.episodes import write_episodes
 
 
 @pytest.fixture
