@@ -9,13 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from juicer.episode import PROPRIOCEPTION_SIZE
-from juicer.policy.config import FeatureSpec
+from juicer.policy.config import TASK_KEY, FeatureSpec
 
 Tasks = Mapping[str, FeatureSpec]
 """What a policy has to know of each task it is for, by name; a task's place is its number."""
-
-TASK_KEY = "task"
-"""Observation ``(1,)`` of policies for several tasks: the number of the task."""
 
 
 def observation_sizes(tasks: Tasks) -> dict[str, int]:

@@ -83,13 +83,13 @@ class WindowTable:
             noisy = perturb_observations(seen, noise)
             chunks = torch.cat([chunks, self._encode_all(noisy["proprioception"][:, -1])])
             seen = {name: torch.cat([values, noisy[name]]) for name, values in seen.items()}
-        self._network.encoder.fit(seen)
+        self._network.encoders.fit(seen)
         self._network.action_normalizer.fit(chunks)
 
     def normalize(self) -> None:
         """Apply the network's limits; needed once before batches are taken."""
         self._chunks = self._network.action_normalizer.normalize(self._chunks)
-        self._prepared = self._network.encoder.prepare(self._observations)
+        self._prepared = self._network.encoders.prepare(self._observations)
 
     @torch.no_grad()
     def batch(self, rows: Tensor, noise: StateNoise | None = None) -> Batch:
@@ -101,13 +101,13 @@ class WindowTable:
         if isinstance(noise, PhysicalStateNoise):
             seen = {name: values[steps[:num_noisy]] for name, values in self._observations.items()}
             seen = perturb_observations(seen, noise)
-            for name, values in self._network.encoder.prepare(seen).items():
+            for name, values in self._network.encoders.prepare(seen).items():
                 prepared[name][:num_noisy] = values
             absolute = self._actions[self._action_steps[rows[:num_noisy]]]
             chunk[:num_noisy] = self._network.encode_actions(absolute, seen["proprioception"][:, -1])
         elif isinstance(noise, OriginalStateNoise):
-            noisy = perturb_prepared({name: values[:num_noisy] for name, values in prepared.items()}, noise)
-            for name, values in noisy.items():
+            clean = {name: values[:num_noisy] for name, values in prepared.items()}
+            for name, values in perturb_prepared(clean, noise, self._network.encoders).items():
                 prepared[name][:num_noisy] = values
         return Batch(prepared, chunk, self._weights[rows])
 

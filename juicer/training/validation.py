@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from juicer.policy.features import POSITION, ROTATION
+from juicer.policy.actions import POSITION, ROTATION
 from juicer.policy.network import PolicyNetwork
 from juicer.policy.rotations import rot6d_to_matrix
 from juicer.seeding import stream

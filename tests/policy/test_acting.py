@@ -4,26 +4,23 @@ import torch
 
 from juicer.errors import InvalidObservation
 from juicer.policy.acting import INFERENCE_ROWS, TrainedPolicy
-from juicer.policy.config import (
-    DiffusionConfig,
-    HorizonConfig,
-    MLPConfig,
-    MLPDenoiserConfig,
-    PolicyConfig,
-    UNetConfig,
-)
+from juicer.policy.config import HorizonConfig, PolicyConfig
+from juicer.policy.denoisers.mlp.config import MLPDenoiserConfig
+from juicer.policy.denoisers.unet.config import UNetConfig
+from juicer.policy.heads.diffusion.config import DiffusionConfig
+from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.policy.network import build_policy
 
 HEADS = {
     "mlp-denoiser": DiffusionConfig(denoiser=MLPDenoiserConfig(), prediction="sample", spacing="trailing"),
     "unet": DiffusionConfig(denoiser=UNetConfig(channels=(32, 64, 128), step_embedding=32)),
-    "regression": MLPConfig(),
+    "regression": MLPHeadConfig(),
 }
 
 
 def policy_of(spec, observe, head, **settings):
     network = build_policy(PolicyConfig(head=head, action_frame="relative", **settings), {"toy": spec}, seed=1)
-    network.encoder.fit({name: torch.from_numpy(values) for name, values in observe(500, seed=7).items()})
+    network.encoders.fit({name: torch.from_numpy(values) for name, values in observe(500, seed=7).items()})
     return TrainedPolicy(network, "toy")
 
 

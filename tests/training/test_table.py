@@ -37,7 +37,7 @@ def test_a_batch_holds_what_the_policy_would_see_and_should_do(make_table):
     decoded = network.decode_actions(batch.chunk, proprioception)
     np.testing.assert_allclose(decoded, recorded, atol=1e-5)
     seen = {name: torch.from_numpy(values[3:4, None]) for name, values in data.observations.items()}
-    np.testing.assert_array_equal(batch.prepared["state"][0], network.encoder.prepare(seen)["state"][0])
+    np.testing.assert_array_equal(batch.prepared["state"][0], network.encoders.prepare(seen)["state"][0])
 
 
 def test_training_chunks_fill_the_range_of_the_sampler(make_table):
@@ -64,7 +64,7 @@ def test_physical_noise_moves_the_gripper_and_keeps_the_absolute_target(make_tab
     torch.manual_seed(1)
     batch = table.batch(rows, noise)
     recorded, proprioception = table.recorded(rows)
-    seen = network.encoder.normalizers[0].denormalize(batch.prepared["state"][:, 0])[:, :16]
+    seen = network.encoders.members[0].normalizers[0].denormalize(batch.prepared["state"][:, 0])[:, :16]
     inside = batch.prepared["state"][:, 0, :9].abs().amax(-1) < 1.5
     assert inside.float().mean() > 0.9
     decoded = network.decode_actions(batch.chunk, seen)
