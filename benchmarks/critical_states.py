@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from juicer.annotation.propose import AnnotationConfig, propose
 from juicer.demonstration.ingestion import Ingestion, IngestionConfig, steps_to_keep
 from juicer.demonstration.recording import record_demonstration
-from juicer.expert.operator import OperatorStep, ScriptedOperator
+from juicer.expert.operator import ScriptedOperator, ScriptedStep
 from juicer.seeding import stream
 from juicer.sim.env import AssemblyEnv
 from juicer.tasks.registry import TASK_NAMES
@@ -36,7 +36,7 @@ class Onlooker(ScriptedOperator):
         super().__init__(task, rng)
         self.phases: list[str] = []
 
-    def act(self, observation: Mapping[str, NDArray[np.floating[Any]]]) -> OperatorStep:
+    def act(self, observation: Mapping[str, NDArray[np.floating[Any]]]) -> ScriptedStep:
         """Note the phase."""
         step = super().act(observation)
         self.phases.append(step.phase)

@@ -13,6 +13,7 @@ from statistics import fmean
 from juicer.demonstration.log import OperatorLog
 from juicer.demonstration.recording import recordings
 from juicer.evaluation import wilson_interval
+from juicer.expert.operator import scripted_operators
 from juicer.tasks.registry import get_task
 
 
@@ -29,9 +30,8 @@ def main() -> None:
     seeds = range(options.seed_start, options.seed_start + options.episodes)
     begin = time.perf_counter()
     logs: list[OperatorLog] = []
-    for log in recordings(
-        options.task, options.randomness, seeds, root_seed=options.root_seed, workers=options.workers
-    ):
+    operators = scripted_operators(options.root_seed)
+    for log in recordings(options.task, options.randomness, seeds, operators, workers=options.workers):
         logs.append(log)
         if not log.success:
             print(f"seed {log.seed}: {log.outcome} after {len(log)} steps, reached {dict(log.milestones)}", flush=True)

@@ -54,6 +54,10 @@ class InvalidEpisode(JuicerError, ValueError):
     """The arrays of an episode contradict each other."""
 
 
+class StateMissing(JuicerError):
+    """Something needs an episode's simulator states, and the episode has none."""
+
+
 class RejectedLog(JuicerError):
     """An operator log cannot be turned into a demonstration; the message is the reason."""
 

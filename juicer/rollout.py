@@ -13,7 +13,7 @@ from typing import Any, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from juicer.episode import ACTION_SIZE, OBSERVATION_KEYS, Episode, EpisodeRecord, Outcome, Source
+from juicer.episode import ACTION_SIZE, SIMULATOR, Episode, EpisodeRecord, Outcome, Role, Source
 from juicer.errors import ConfigError, InvalidAction, JuicerError, PolicyFailed
 from juicer.progress import Progress, silent_progress
 from juicer.seeding import stream
@@ -236,7 +236,7 @@ def _predict(policy: Policy, running: Sequence[_RunningEpisode]) -> NDArray[np.g
     """One chunk of ``action_horizon`` actions for every running episode: ``(N, T_a, 10)``."""
     observations = {
         name: np.stack([episode.recorder.recent(name, policy.obs_horizon) for episode in running])
-        for name in OBSERVATION_KEYS
+        for name in SIMULATOR.names(Role.OBSERVATION)
     }
     try:
         answer = policy.predict(observations, [episode.noise for episode in running])

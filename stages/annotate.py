@@ -22,6 +22,7 @@ def annotate(
 ) -> None:
     """Find the critical states of demonstrations; a human's labels file overrides."""
     demonstrations = EpisodeReader(context.store.open(episodes, "episodes"))
+    demonstrations.require_state()
     rows = list(
         annotate_demonstrations(
             demonstrations,
@@ -35,7 +36,7 @@ def annotate(
     context.draft.summary |= {
         "critical_states": len(rows),
         "episodes": len(demonstrations),
-        "episodes_without": len(demonstrations) - len({row.episode for row in rows}),
+        "episodes_without": len(demonstrations) - len({row.episode_id for row in rows}),
         "mean_confidence": fmean(row.confidence for row in rows) if rows else 0.0,
         "authors": dict(Counter(row.author for row in rows)),
     }

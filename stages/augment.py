@@ -31,12 +31,12 @@ class AugmentConfig(AugmentationConfig):
 def augment(context: StageContext, *, episodes: ArtifactRef, annotations: ArtifactRef, config: AugmentConfig) -> None:
     """Grow demonstrations around their critical states."""
     demonstrations = EpisodeReader(context.store.open(episodes, "episodes"))
+    demonstrations.require_state()
     ranges = AugmentationConfig(**{name: getattr(config, name) for name in AugmentationConfig.model_fields})
     attempts = augment_demonstrations(
         demonstrations,
         read_annotations(context.store.open(annotations, "annotations")),
         ranges,
-        artifact=episodes.id,
         seed=config.seed,
         num_workers=context.workers,
         progress=context.progress,

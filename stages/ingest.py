@@ -57,8 +57,9 @@ class _Tally:
                 self.recordings.append(Recording(result.source, reason=result.reason))
                 continue
             kept = tuple(result.kept.tolist())
-            self.recordings.append(Recording(result.source, episodes, result.num_steps, kept))
-            self._devices[result.episode.record.device or "unknown"] += 1
+            record = result.episode.record
+            self.recordings.append(Recording(result.source, episodes, record.episode_id, result.num_steps, kept))
+            self._devices[record.device or "unknown"] += 1
             episodes += 1
             yield result.episode
 

@@ -8,7 +8,7 @@ from juicer.artifacts.manifest import FINDING
 from juicer.config import Seed, StrictConfig
 from juicer.demonstration.log import SUFFIX
 from juicer.demonstration.recording import record_demonstrations
-from juicer.expert.operator import DEVICE
+from juicer.expert.operator import DEVICE, scripted_operators
 from juicer.seed_ranges import Purpose, claim
 from juicer.tasks.specification import Randomness
 from juicer.tasks.task_name import TaskName
@@ -48,8 +48,8 @@ def record(context: StageContext, *, config: RecordConfig) -> None:
         config.task,
         config.randomness,
         seeds,
+        scripted_operators(config.seed),
         successes=config.demonstrations,
-        root_seed=config.seed,
         workers=context.workers,
         progress=context.progress,
     )

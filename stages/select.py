@@ -41,17 +41,19 @@ def select(context: StageContext, *, episodes: ArtifactRef, config: SelectConfig
     limit = _longest(reader, config)
     rows: list[SelectionRow] = []
     kept = steps = 0
-    for index, record in enumerate(reader.records):
+    for record, length in zip(reader.records, reader.lengths, strict=True):
         if record.outcome is not Outcome.SUCCESS:
-            rows.append(SelectionRow(index, keep=False, reason=record.outcome.value))
-        elif reader.lengths[index] > limit:
-            rows.append(SelectionRow(index, keep=False, reason=f"dawdled, it took more than {limit:.0f} steps"))
+            rows.append(SelectionRow(record.episode_id, keep=False, reason=record.outcome.value))
+        elif length > limit:
+            rows.append(
+                SelectionRow(record.episode_id, keep=False, reason=f"dawdled, it took more than {limit:.0f} steps")
+            )
         elif kept == config.max_episodes:
-            rows.append(SelectionRow(index, keep=False, reason="enough successes before it"))
+            rows.append(SelectionRow(record.episode_id, keep=False, reason="enough successes before it"))
         else:
-            rows.append(SelectionRow(index, keep=True, reason=record.outcome.value))
+            rows.append(SelectionRow(record.episode_id, keep=True, reason=record.outcome.value))
             kept += 1
-            steps += int(reader.lengths[index])
+            steps += int(length)
     write_selection(context.draft.path, rows)
     context.draft.summary |= {"episodes": len(rows), "kept": kept, "rate": kept / len(rows), "steps": steps}
     if not kept:

@@ -12,7 +12,7 @@ from pydantic import Field
 from juicer.artifacts.manifest import FINDING
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import Seed, StrictConfig
-from juicer.episode import OBSERVATION_KEYS
+from juicer.episode import Role
 from juicer.errors import NothingLeft
 from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
 from juicer.policy.tasks import Tasks, as_shown
@@ -60,13 +60,14 @@ def train(
     sources = [_Source(context.store.open(ref, "episodes"), ref.id, None) for ref in episodes]
     for ref in selections:
         (origin,) = context.store.manifest(ref).recipe.inputs["episodes"]
-        kept = [row.episode for row in read_selection(context.store.open(ref, "selection")) if row.keep]
+        kept = [row.episode_id for row in read_selection(context.store.open(ref, "selection")) if row.keep]
         sources.append(_Source(context.store.open(origin, "episodes"), origin.id, kept))
     shown = {source.task for source in sources}
+    names = {episode_id: name for source in sources for episode_id, name in source.names.items()}
     tasks = {name: feature_spec(name) for name in TASK_NAMES if name in shown}
     curves = CurveWriter(context.draft.scratch, context.metrics)
     trained = train_policy(
-        [source.read(tasks) for source in sources],
+        [source.read(tasks, names) for source in sources],
         config.policy,
         tasks,
         config.training,
@@ -107,30 +108,32 @@ def feature_spec(task_name: str) -> FeatureSpec:
 class _Source:
     """Episodes of one task to learn from."""
 
-    def __init__(self, folder: Path, artifact: str, kept: list[int] | None) -> None:
+    def __init__(self, folder: Path, artifact: str, kept: list[str] | None) -> None:
         self._reader = EpisodeReader(folder)
-        self._artifact = artifact
-        self._chosen = list(range(len(self._reader))) if kept is None else kept
+        self._chosen = list(range(len(self._reader))) if kept is None else list(map(self._reader.find, kept))
         if not self._chosen:
             raise NothingLeft(f"episodes/{artifact} holds nothing to learn from; leave it out")
         self.records = [self._reader.records[index] for index in self._chosen]
+        # The split draws from the families in the order of these names.
+        self.names = {
+            record.episode_id: f"{artifact}/{index}" for index, record in zip(self._chosen, self.records, strict=True)
+        }
         self.lengths = self._reader.lengths[self._chosen]
         self.task = self.records[0].task
 
-    def read(self, tasks: Tasks) -> TrainingEpisodes:
-        """The episodes, for a policy that learns these tasks."""
+    def read(self, tasks: Tasks, names: Mapping[str, str]) -> TrainingEpisodes:
+        """The episodes, for a policy that learns these tasks; ``names`` are those of all episodes by their ids."""
         reader = self._reader
         starts = reader.episode_ends - reader.lengths
         steps = np.concatenate([np.arange(starts[index], reader.episode_ends[index]) for index in self._chosen])
         return TrainingEpisodes(
-            observations=as_shown({key: reader.steps(key)[steps] for key in OBSERVATION_KEYS}, tasks, self.task),
+            observations=as_shown(
+                {name: reader.steps(name)[steps] for name in reader.schema.names(Role.OBSERVATION)}, tasks, self.task
+            ),
             actions=reader.steps("action")[steps],
             episode_ends=np.cumsum(self.lengths),
             # A snippet goes with the demonstration it was grown from, lest one validates the other.
-            families=[
-                record.parent or f"{self._artifact}/{index}"
-                for index, record in zip(self._chosen, self.records, strict=True)
-            ],
+            families=[names.get(record.parent or record.episode_id, str(record.parent)) for record in self.records],
             sources=[record.source.value for record in self.records],
         )
 

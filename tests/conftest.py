@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from juicer.episode import ACTION_SIZE, FINAL_KEYS, PROPRIOCEPTION_SIZE, Episode, EpisodeRecord, Outcome, Source
+from juicer.episode import ACTION_SIZE, PROPRIOCEPTION_SIZE, SIMULATOR, Episode, EpisodeRecord, Outcome, Source
 from juicer.seeding import stream
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def make_episode(
         record=EpisodeRecord(**(known | facts)),
         steps={name: values[:-1] for name, values in every_step.items()}
         | {"action": action.astype(np.float32).reshape(length, ACTION_SIZE), "reward": reward},
-        final={name: every_step[name][-1] for name in FINAL_KEYS},
+        final={name: every_step[name][-1] for name in SIMULATOR.ends},
     )
 
 

@@ -180,6 +180,21 @@ def lineage(artifact: ArtifactId, as_json: AsJson = False) -> None:
 
 
 @app.command()
+def labels(
+    artifact: ArtifactId,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Labels file to write, CSV or YAML by its ending.")],
+    numbered: Annotated[
+        Path | None,
+        typer.Option("--numbered", help="Labels file of an earlier juicer, whose numbers are those of the episodes."),
+    ] = None,
+) -> None:
+    """Write the critical states of annotations as a labels file, to correct them by hand."""
+    from flows.command.labels import write_labels_file
+
+    write_labels_file(artifact, file, numbered)
+
+
+@app.command()
 def verify(
     artifact: Annotated[str | None, typer.Argument(metavar="[ID]", help="Artifact; all if left out.")] = None,
     as_json: AsJson = False,

@@ -32,13 +32,16 @@ def say_recordings(recordings: list[Recording]) -> None:
         [
             recording.log,
             "-" if recording.episode is None else str(recording.episode),
+            recording.episode_id or "-",
             "" if recording.num_steps is None else str(recording.num_steps),
             "" if recording.num_steps is None else str(recording.num_dropped),
             recording.reason or _stretches(recording.dropped),
         ]
         for recording in recordings
     ]
-    say_table(["log", "episode ", "steps ", "idle ", "idle steps that were dropped, or why it was rejected"], rows)
+    say_table(
+        ["log", "episode ", "id", "steps ", "idle ", "idle steps that were dropped, or why it was rejected"], rows
+    )
 
 
 def describe_recordings(recordings: list[Recording]) -> list[dict[str, Any]]:
@@ -47,6 +50,7 @@ def describe_recordings(recordings: list[Recording]) -> list[dict[str, Any]]:
         {
             "log": recording.log,
             "episode": recording.episode,
+            "id": recording.episode_id,
             "steps": recording.num_steps,
             "dropped": [list(stretch) for stretch in recording.dropped],
             "reason": recording.reason or None,

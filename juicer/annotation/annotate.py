@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
-from juicer.annotation.labels import Label
+from juicer.annotation.labels import Label, find_recording
 from juicer.annotation.propose import AnnotationConfig, propose
 from juicer.episode import DemonstrationReader, Episode, Outcome
 from juicer.errors import InvalidLabels
@@ -28,7 +28,7 @@ def annotate(
     Args:
         demonstrations: Episodes of one task.
         config: How to propose.
-        labels: What a human said. For an episode and critical state they name, nothing is proposed.
+        labels: What a human said. For a recording and critical state they name, nothing is proposed.
         num_workers: Threads, each with an environment of its own; one a processor if None.
         progress: Told of every demonstration.
 
@@ -36,18 +36,21 @@ def annotate(
         Annotations in the order of episodes, then of critical states.
 
     Raises:
-        InvalidLabels: If a label names an episode, step or critical state that is not there.
+        InvalidLabels: If a label names a recording, step or critical state that is not there, or two say the same.
     """
     if len(demonstrations) == 0:
         return
-    task = demonstrations.read(0).record.task
+    task = demonstrations.records[0].task
     by_episode: dict[int, list[Label]] = {}
     for label in labels:
-        _check_label(label, demonstrations, get_task(task).num_critical_states)
-        by_episode.setdefault(label.episode, []).append(label)
+        by_episode.setdefault(find_recording(label, demonstrations.records), []).append(label)
+    human = {
+        index: _labelled(demonstrations.read(index), found, get_task(task).num_critical_states)
+        for index, found in by_episode.items()
+    }
 
     def work(env: AssemblyEnv, index: int) -> list[Annotation]:
-        return _annotate_one(env, index, demonstrations.read(index), config, by_episode.get(index, []))
+        return _annotate_one(env, demonstrations.read(index), config, human.get(index, []))
 
     with EnvironmentPool(task, num_workers) as pool:
         for index, annotations in enumerate(pool.map(work, range(len(demonstrations)))):
@@ -56,29 +59,43 @@ def annotate(
 
 
 def _annotate_one(
-    env: AssemblyEnv, index: int, demonstration: Episode, config: AnnotationConfig, labels: list[Label]
+    env: AssemblyEnv, demonstration: Episode, config: AnnotationConfig, labelled: list[Annotation]
 ) -> list[Annotation]:
-    labelled = {label.critical_state for label in labels}
-    rows = [Annotation(index, label.step, label.critical_state, "human", 1.0) for label in labels]
-    if demonstration.record.outcome is Outcome.SUCCESS and len(labelled) < env.task.num_critical_states:
+    known = {row.critical_state for row in labelled}
+    rows = list(labelled)
+    record = demonstration.record
+    if record.outcome is Outcome.SUCCESS and len(known) < env.task.num_critical_states:
         rows += [
-            Annotation(index, proposal.step, proposal.critical_state, "proposed", proposal.confidence)
-            for proposal in propose(env, demonstration, config)
-            if proposal.critical_state not in labelled
+            Annotation(record.episode_id, found.step, found.critical_state, "proposed", found.confidence)
+            for found in propose(env, demonstration, config)
+            if found.critical_state not in known
         ]
     return sorted(rows, key=lambda row: row.critical_state)
 
 
-def _check_label(label: Label, demonstrations: DemonstrationReader, num_critical_states: int) -> None:
-    if not 0 <= label.episode < len(demonstrations):
-        raise InvalidLabels(
-            f"{label.where}: there is no episode {label.episode}; episodes are numbered 0 to {len(demonstrations) - 1}"
-        )
-    length = len(demonstrations.read(label.episode))
-    if not 0 <= label.step < length:
-        raise InvalidLabels(f"{label.where}: episode {label.episode} has no step {label.step}; it has {length} steps")
-    if not 0 <= label.critical_state < num_critical_states:
-        raise InvalidLabels(
-            f"{label.where}: there is no critical state {label.critical_state}; "
-            f"the task has {num_critical_states}, numbered from 0"
-        )
+def _labelled(demonstration: Episode, labels: Sequence[Label], num_critical_states: int) -> list[Annotation]:
+    """Labels of one demonstration, whose steps are those of the recording, as annotations of the episode's steps."""
+    rows: dict[int, Annotation] = {}
+    places: dict[int, str] = {}
+    for label in labels:
+        state = label.critical_state
+        if state in rows:
+            raise InvalidLabels(
+                f"{label.where}: critical state {state} of recording {label.recording} was already labelled "
+                f"at {places[state]}; keep one of the two"
+            )
+        if not 0 <= state < num_critical_states:
+            raise InvalidLabels(
+                f"{label.where}: there is no critical state {state}; "
+                f"the task has {num_critical_states}, numbered from 0"
+            )
+        step = demonstration.step_of(label.step)
+        if step is None:
+            last = demonstration.recorded_step(len(demonstration) - 1)
+            raise InvalidLabels(
+                f"{label.where}: recording {label.recording} has no step {label.step} in which something was done; "
+                f"the last one is {last}"
+            )
+        places[state] = label.where
+        rows[state] = Annotation(demonstration.record.episode_id, step, state, "human", 1.0)
+    return list(rows.values())

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from juicer.config import StrictConfig
-from juicer.episode import STATE_KEY, Episode
+from juicer.episode import Episode
 from juicer.geometry import quat_to_matrix, relative_pose, rotation_angle
 from juicer.gripper import gripper_commands, next_gripper_change
 from juicer.sim.clearance import clearance_m
@@ -98,7 +98,7 @@ def _propose_grasp(
 
 def _is_touched(env: AssemblyEnv, demonstration: Episode, part: str, step: int) -> bool:
     step = min(step, len(demonstration) - 1)
-    env.set_state(np.asarray(demonstration.steps[STATE_KEY][step], dtype=np.float64))
+    env.set_state(demonstration.state(step))
     return _is_in_gripper(env, part)
 
 
@@ -150,7 +150,7 @@ def _last_clear_step(
     first, second = env.task.parts[pair.first].name, env.task.parts[pair.second].name
     closed = gripper_commands(demonstration.steps["action"]) > 0
     for step in reversed(steps):
-        env.set_state(np.asarray(demonstration.steps[STATE_KEY][step], dtype=np.float64))
+        env.set_state(demonstration.state(step))
         if clearance_m(env.model, env.data, first, second, limit_m) >= limit_m:
             return step if closed[step] and _is_in_gripper(env, second) else None
     return None

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
@@ -57,7 +58,7 @@ class FailedAttempt:
     """An attempt that gave no snippet.
 
     Attributes:
-        parent: Demonstration it started from.
+        parent: Id of the demonstration it started from.
         critical_state: Critical state it departed from.
         departure: Kind of departure.
         reason: What was wrong.
@@ -74,7 +75,6 @@ def augment(
     annotations: Iterable[Annotation],
     config: AugmentationConfig,
     *,
-    artifact: str,
     seed: int,
     num_workers: int | None = None,
     progress: Progress = silent_progress,
@@ -89,7 +89,6 @@ def augment(
         demonstrations: Annotated episodes; those that are no success, are not used.
         annotations: Their critical states.
         config: What to make.
-        artifact: Id of the demonstrations' artifact, for the parent of every snippet.
         seed: Root of all draws.
         num_workers: Threads, each with an environment of its own; one a processor if None.
         progress: Told of every attempt: snippets so far of those wanted.
@@ -97,7 +96,7 @@ def augment(
     Yields:
         What became of each attempt; nothing if no critical state of a successful demonstration is trusted.
     """
-    references = find_references(demonstrations, annotations, config, artifact)
+    references = find_references(demonstrations, annotations, config)
     if not references:
         return
     kept = 0
@@ -110,24 +109,26 @@ def augment(
 
 
 def find_references(
-    demonstrations: DemonstrationReader, annotations: Iterable[Annotation], config: AugmentationConfig, artifact: str
+    demonstrations: DemonstrationReader, annotations: Iterable[Annotation], config: AugmentationConfig
 ) -> list[Reference]:
     """References of all trusted critical states of successful demonstrations, in the annotations' order."""
+    numbers = {record.episode_id: number for number, record in enumerate(demonstrations.records)}
+    trusted = [annotation for annotation in annotations if annotation.confidence >= config.min_confidence]
     references = []
-    for annotation in annotations:
-        if annotation.confidence < config.min_confidence:
+    for episode_id, group in groupby(trusted, key=lambda annotation: annotation.episode_id):
+        number = numbers[episode_id]
+        if demonstrations.records[number].outcome is not Outcome.SUCCESS:
             continue
-        demonstration = demonstrations.read(annotation.episode)
-        if demonstration.record.outcome is Outcome.SUCCESS:
-            references.append(
-                reference_of(
-                    demonstration,
-                    parent=f"{artifact}/{annotation.episode}",
-                    step=annotation.step,
-                    critical_state=annotation.critical_state,
-                    steps_after_gripper_change=config.steps_after_gripper_change,
-                )
+        demonstration = demonstrations.read(number)
+        references += [
+            reference_of(
+                demonstration,
+                step=annotation.step,
+                critical_state=annotation.critical_state,
+                steps_after_gripper_change=config.steps_after_gripper_change,
             )
+            for annotation in group
+        ]
     return references
 
 

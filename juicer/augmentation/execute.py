@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from juicer.augmentation.plan import POSE_SIZE, reverse
 from juicer.augmentation.reference import Reference
 from juicer.augmentation.verify import RejectionReason, outcome_rejection
-from juicer.episode import STATE_KEY, Episode, EpisodeRecord, Outcome, Source
+from juicer.episode import Episode, EpisodeRecord, Outcome, Source
 from juicer.sim.env import AssemblyEnv
 from juicer.sim.recorder import EpisodeRecorder
 
@@ -64,10 +64,10 @@ def execute(env: AssemblyEnv, reference: Reference, departure: NDArray[np.float6
 
 def reproduces(env: AssemblyEnv, snippet: Episode) -> bool:
     """Whether the snippet's stored actions, from its first stored state, end in exactly its final state."""
-    env.set_state(snippet.steps[STATE_KEY][0])
+    env.set_state(snippet.state(0))
     for action in snippet.steps["action"]:
         env.step(action)
-    return np.array_equal(env.get_state(), snippet.final[STATE_KEY])
+    return np.array_equal(env.get_state(), snippet.state(len(snippet)))
 
 
 def _action(pose: NDArray[np.floating[Any]], gripper: float) -> NDArray[np.float32]:

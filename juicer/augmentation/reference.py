@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from juicer.episode import OBSERVATION_KEYS, STATE_KEY, Episode
+from juicer.episode import Episode
 from juicer.gripper import gripper_commands, next_gripper_change
 
 GRIPPER_WIDTH = 15
@@ -34,7 +34,7 @@ class Reference:
     """The piece of a demonstration from a critical state to where a snippet is checked.
 
     Attributes:
-        parent: ``<artifact id>/<episode>`` of the demonstration.
+        parent: Id of the demonstration.
         task: Its assembly task.
         randomness: Level of its initial state.
         seed: Its initial-state seed.
@@ -60,16 +60,13 @@ class Reference:
     end: Expected
 
 
-def reference_of(
-    demonstration: Episode, parent: str, step: int, critical_state: int, steps_after_gripper_change: int
-) -> Reference:
+def reference_of(demonstration: Episode, step: int, critical_state: int, steps_after_gripper_change: int) -> Reference:
     """Cut the reference of one critical state out of its demonstration.
 
     It ends ``steps_after_gripper_change`` actions after the next gripper change, or with the demonstration.
 
     Args:
         demonstration: The annotated demonstration.
-        parent: Its name, ``<artifact id>/<episode>``.
         step: The critical state's step.
         critical_state: Its index.
         steps_after_gripper_change: How far to follow.
@@ -81,7 +78,7 @@ def reference_of(
     end = min(change + steps_after_gripper_change, len(actions))
 
     def expected(index: int) -> Expected:
-        shown = {name: steps[name][index] for name in OBSERVATION_KEYS} if index < len(actions) else demonstration.final
+        shown = demonstration.observation(index)
         return Expected(
             remaining=end - index,
             part_poses=np.array(shown["part_poses"], dtype=np.float32),
@@ -89,12 +86,12 @@ def reference_of(
         )
 
     return Reference(
-        parent=parent,
+        parent=record.episode_id,
         task=record.task,
         randomness=record.randomness,
         seed=record.seed,
         critical_state=critical_state,
-        state=np.array(steps[STATE_KEY][step], dtype=np.float64),
+        state=demonstration.state(step).copy(),
         pose=np.array(steps["proprioception"][step][:9], dtype=np.float32),
         gripper=float(gripper_commands(actions)[step]),
         actions=actions[step:end].copy(),

@@ -9,7 +9,7 @@ import numpy as np
 
 from juicer.augmentation.config import AugmentationConfig, ToleranceConfig
 from juicer.augmentation.reference import GRIPPER_WIDTH, Expected, Reference
-from juicer.episode import OBSERVATION_KEYS, Episode, Outcome
+from juicer.episode import Episode, Outcome
 from juicer.geometry import quat_to_matrix, rotation_angle
 
 
@@ -49,8 +49,7 @@ def deviation_from_reference(
 
 def _deviation(snippet: Episode, wanted: Expected, tolerance: ToleranceConfig) -> RejectionReason | None:
     """Every part counts, also those that should only have stayed where they were."""
-    at = len(snippet) - wanted.remaining
-    shown = {name: snippet.steps[name][at] for name in OBSERVATION_KEYS} if wanted.remaining else snippet.final
+    shown = snippet.observation(len(snippet) - wanted.remaining)
     poses = np.asarray(shown["part_poses"], dtype=np.float64).reshape(-1, 7)
     wanted_poses = np.asarray(wanted.part_poses, dtype=np.float64).reshape(-1, 7)
     if np.max(np.linalg.norm(poses[:, :3] - wanted_poses[:, :3], axis=1)) > tolerance.position_m:

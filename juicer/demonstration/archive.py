@@ -40,8 +40,8 @@ _PLAIN_KINDS = "biufU"
 
 
 @dataclass(frozen=True)
-class ArraySpec:
-    """What an archive says about one of its arrays.
+class ArrayHeader:
+    """What an archive says about one of its arrays, before it is unpacked.
 
     Attributes:
         dtype: Type of its entries.
@@ -75,7 +75,7 @@ class Archive:
             RejectedLog: If it is no such archive, lacks an array, or is larger than is sensible.
         """
         self._entries: dict[str, zipfile.ZipInfo] = {}
-        specs: dict[str, ArraySpec] = {}
+        specs: dict[str, ArrayHeader] = {}
         with explained():
             self._zip = zipfile.ZipFile(_ShortReads(content))
             if len(self._zip.infolist()) > MOST_ENTRIES:
@@ -83,7 +83,7 @@ class Archive:
             for name in names:
                 self._entries[name] = self._find(name)
                 specs[name] = self._spec(name)
-        self.specs: Mapping[str, ArraySpec] = specs
+        self.specs: Mapping[str, ArrayHeader] = specs
         total = sum(spec.num_bytes for spec in self.specs.values())
         if total > MOST_ARRAY_BYTES:
             raise RejectedLog(f"its arrays would take {total:,} bytes; a log has at most {MOST_ARRAY_BYTES:,}")
@@ -113,7 +113,7 @@ class Archive:
             raise RejectedLog(f"entry '{name}' is compressed in another way than numpy does; save it with numpy")
         return found[0]
 
-    def _spec(self, name: str) -> ArraySpec:
+    def _spec(self, name: str) -> ArrayHeader:
         entry = self._entries[name]
         with self._zip.open(entry) as file:
             spec = _read_spec(file)
@@ -132,13 +132,13 @@ class Archive:
         return spec
 
 
-def _read_spec(file: IO[bytes]) -> ArraySpec:
+def _read_spec(file: IO[bytes]) -> ArrayHeader:
     readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
     version = npy.read_magic(file)
     if version not in readers:
         raise RejectedLog(f"an array is in version {version[0]}.{version[1]} of numpy's format; save it with numpy")
     shape, _, dtype = readers[version](file, max_header_size=_MOST_HEADER_LETTERS)
-    return ArraySpec(dtype, shape)
+    return ArrayHeader(dtype, shape)
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from mujoco import FatalError
 from numpy.typing import NDArray
 
 from juicer.demonstration.log import OperatorLog
-from juicer.episode import FINAL_KEYS, STATE_KEY
+from juicer.episode import SIMULATOR, STATE_KEY, Outcome
 from juicer.errors import InvalidEpisode, RejectedLog
 from juicer.sim.env import STEP_S, AssemblyEnv
 from juicer.sim.milestones import BaseProgress, PairProgress
@@ -78,6 +78,9 @@ class ClaimChecker:
                     )
             if index - 1 in rewarded:
                 self._check_reward(log, index - 1, reached, assembled)
+        # The last of these states is the final one.
+        if env.outcome is not Outcome.SUCCESS:
+            raise RejectedLog(f"it claims success, but its final state is {env.outcome or 'in mid-assembly'}")
         if len(assembled) < len(self._pairs):
             raise RejectedLog(
                 f"it claims success, but only {len(assembled)} of the task's {len(self._pairs)} pairs are assembled"
@@ -177,7 +180,7 @@ def _restore(env: AssemblyEnv, state: NDArray[np.float64], index: int) -> None:
 
 
 def _at(steps: Observation, index: int) -> Observation:
-    return {name: steps[name][index] for name in FINAL_KEYS}
+    return {name: steps[name][index] for name in SIMULATOR.ends}
 
 
 def _distance(first: NDArray[Any], second: NDArray[Any]) -> float:

@@ -21,6 +21,7 @@ MOST_HEADER_LETTERS = 65_536
 
 _MOST_DIGITS = 18
 _MISSING = object()
+_OPTIONAL = ("operator", "recorded_at")
 _TYPES: Mapping[str, type | tuple[type, ...]] = {
     "task": str,
     "randomness": str,
@@ -30,6 +31,8 @@ _TYPES: Mapping[str, type | tuple[type, ...]] = {
     "outcome": (str, type(None)),
     "parts_assembled": int,
     "milestones": dict,
+    "operator": (str, type(None)),
+    "recorded_at": (str, type(None)),
 }
 
 
@@ -46,6 +49,8 @@ class LogHeader:
         outcome: How the environment ended it; None if the operator stopped before.
         parts_assembled: Number of pairs assembled at its end.
         milestones: Number of steps after which each milestone was reached first, by name.
+        operator: Who that was, if the log is to say it.
+        recorded_at: When, e.g. ``2026-11-26T14:03:00+01:00``, if the log is to say it.
     """
 
     task: str
@@ -56,6 +61,8 @@ class LogHeader:
     outcome: str | None
     parts_assembled: int
     milestones: Mapping[str, int] = field(default_factory=dict)
+    operator: str | None = None
+    recorded_at: str | None = None
 
     def to_text(self) -> str:
         """JSON text; equal headers give equal text.
@@ -70,7 +77,8 @@ class LogHeader:
                 raise RejectedLog(
                     f"header entry '{name}' must be at most {LONGEST_SHOWN} printable letters, got {printable(value)}"
                 )
-        text = json.dumps({"format": FORMAT, "version": VERSION, **entries}, sort_keys=True)
+        told = {name: value for name, value in entries.items() if value is not None or name not in _OPTIONAL}
+        text = json.dumps({"format": FORMAT, "version": VERSION, **told}, sort_keys=True)
         if len(text) > MOST_HEADER_LETTERS:
             raise RejectedLog(f"the header has {len(text):,} letters; it may have {MOST_HEADER_LETTERS:,}")
         return text
@@ -95,7 +103,7 @@ def parse_header(text: str) -> LogHeader:
     version = content.get("version")
     if version != VERSION or isinstance(version, bool):
         raise RejectedLog(f"it has format version {printable(version, 20)}, but this program reads version {VERSION}")
-    entries = {name: content.get(name, _MISSING) for name in _TYPES}
+    entries = {name: content.get(name, None if name in _OPTIONAL else _MISSING) for name in _TYPES}
     _check(entries)
     entries |= {name: printable(value) for name, value in entries.items() if isinstance(value, str)}
     entries["milestones"] = {printable(name): step for name, step in entries["milestones"].items()}

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +13,13 @@ from pydantic import Field
 from juicer.config import StrictConfig
 from juicer.demonstration.claims import ClaimChecker
 from juicer.demonstration.header import LogHeader
-from juicer.demonstration.log import FINAL_PREFIX, STEP_ARRAYS, LogFile, OperatorLog
+from juicer.demonstration.log import FINAL_PREFIX, LOG, LogFile, OperatorLog
 from juicer.episode import (
-    ACTION_SIZE,
-    FINAL_KEYS,
-    PROPRIOCEPTION_SIZE,
+    CONTINUOUS_KEY,
+    DEMONSTRATION,
+    RECORDED_STEP_KEY,
+    SIMULATOR,
     STATE_KEY,
-    STEP_DTYPES,
     Episode,
     EpisodeRecord,
     Outcome,
@@ -149,12 +148,13 @@ class Ingestion:
         num_kept = np.count_nonzero(keep)
         if num_kept < config.min_steps:
             raise RejectedLog(f"only {num_kept} of its steps are not idle, at least {config.min_steps} are needed")
-        content = _digest(log)
-        if content in self._sources:
-            raise RejectedLog(f"it is the same recording as '{self._sources[content]}'")
+        recorded = _recorded(log, source)
+        identity = recorded.record.episode_id
+        if identity in self._sources:
+            raise RejectedLog(f"it is the same recording as '{self._sources[identity]}'")
         self._claims.check(log)
-        self._sources[content] = source
-        return Demonstration(source, len(log), np.flatnonzero(keep), _episode(log, keep))
+        self._sources[identity] = source
+        return Demonstration(source, len(log), np.flatnonzero(keep), _without_idle_steps(recorded, keep))
 
     def _check_facts(self, header: LogHeader) -> None:
         if header.task != self._task.name:
@@ -183,17 +183,12 @@ class Ingestion:
         length = shapes["action"][0]
         if length == 0:
             raise RejectedLog("it holds no steps")
-        widths = {
-            "action": (ACTION_SIZE,),
-            "proprioception": (PROPRIOCEPTION_SIZE,),
-            "part_poses": (7 * len(self._task.parts),),
-            "sim_state": (self._claims.state_size,),
-        }
-        for name in STEP_ARRAYS:
+        sizes = {"part_poses": (7 * len(self._task.parts),), STATE_KEY: (self._claims.state_size,)}
+        for name in LOG.names():
             shape = shapes[name]
             if shape[0] != length:
                 raise RejectedLog(f"array '{name}' has {shape[0]} steps where 'action' has {length}")
-            expected = (length, *widths.get(name, ()))
+            expected = (length, *sizes.get(name, LOG[name].shape))
             if shape != expected and name == STATE_KEY:
                 raise RejectedLog(
                     f"its simulator states have the shape {printable(shape[1:])} where those of the task's scene have "
@@ -201,8 +196,8 @@ class Ingestion:
                 )
             if shape != expected:
                 raise RejectedLog(f"array '{name}' must have the shape {expected}, got {printable(shape)}")
-        for name in FINAL_KEYS:
-            if shapes[FINAL_PREFIX + name] != widths[name]:
+        for name in LOG.ends:
+            if shapes[FINAL_PREFIX + name] != shapes[name][1:]:
                 raise RejectedLog(f"the final '{name}' is not finite or unlike those of the steps")
 
 
@@ -227,7 +222,7 @@ def _check_finite(log: OperatorLog) -> None:
         broken = np.flatnonzero(~np.isfinite(numbers).all(axis=1))
         if broken.size:
             raise RejectedLog(f"array '{name}' holds NaN or infinite values, first at step {broken[0]}")
-    for name in FINAL_KEYS:
+    for name in LOG.ends:
         if not np.isfinite(np.asarray(log.final[name], dtype=np.float64)).all():
             raise RejectedLog(f"the final '{name}' is not finite or unlike those of the steps")
 
@@ -245,14 +240,6 @@ def _check_rewards(log: OperatorLog) -> None:
     for name, step in log.milestones.items():
         if step > len(log):
             raise RejectedLog(f"it claims milestone '{name}' after {step} steps, but holds {len(log)}")
-
-
-def _digest(log: OperatorLog) -> str:
-    """The same for the same recording, whatever its name, its device and how it was compressed."""
-    content = hashlib.sha256()
-    for name in ("action", STATE_KEY):
-        content.update(np.ascontiguousarray(log.steps[name]).tobytes())
-    return content.hexdigest()
 
 
 def _check_actions(log: OperatorLog) -> None:
@@ -274,23 +261,28 @@ def _check_timestamps(timestamp_s: NDArray[np.float64], max_gap_s: float) -> Non
         raise RejectedLog(f"steps are missing: {gaps.max():.2f} s pass after step {int(np.argmax(gaps))}")
 
 
-def _episode(log: OperatorLog, keep: NDArray[np.bool_]) -> Episode:
+def _recorded(log: OperatorLog, source: str) -> Episode:
+    """The whole recording, idle steps included: what its id is a digest of."""
+    shared = {entry.name for entry in fields(LogHeader)} & {entry.name for entry in fields(EpisodeRecord)}
+    facts = {name: getattr(log, name) for name in shared} | {"outcome": Outcome.SUCCESS, "log": source or None}
+    return Episode(
+        record=EpisodeRecord(source=Source.TELEOP, **facts),
+        steps={spec.name: np.asarray(log.steps[spec.name], dtype=spec.dtype) for spec in SIMULATOR},
+        final={name: np.asarray(log.final[name], dtype=SIMULATOR[name].dtype) for name in SIMULATOR.ends},
+    )
+
+
+def _without_idle_steps(recorded: Episode, keep: NDArray[np.bool_]) -> Episode:
     kept_before: NDArray[np.intp] = np.cumsum(keep) - keep
     last = int(np.count_nonzero(keep)) - 1
-    steps = {name: np.asarray(values[keep], dtype=STEP_DTYPES[name]) for name, values in log.steps.items()}
+    steps = {name: values[keep] for name, values in recorded.steps.items()}
     # A part may settle while the operator watches: what a dropped step earned goes to the last one kept before it.
     earner = np.clip(np.cumsum(keep) - 1, 0, last)
-    steps["reward"] = np.bincount(earner, weights=log.steps["reward"], minlength=last + 1).astype(np.float32)
-    record = EpisodeRecord(
-        source=Source.TELEOP,
-        task=log.task,
-        randomness=log.randomness,
-        seed=log.seed,
-        outcome=Outcome.SUCCESS,
-        parts_assembled=log.parts_assembled,
-        milestones={
-            name: min(int(kept_before[min(step, len(log) - 1)]), last) for name, step in log.milestones.items()
-        },
-        device=log.device,
-    )
-    return Episode(record=record, steps=steps, final={name: log.final[name] for name in FINAL_KEYS})
+    steps["reward"] = np.bincount(earner, weights=recorded.steps["reward"], minlength=last + 1).astype(np.float32)
+    steps[RECORDED_STEP_KEY] = np.flatnonzero(keep).astype(np.int32)
+    steps[CONTINUOUS_KEY] = np.diff(steps[RECORDED_STEP_KEY], append=len(recorded)) == 1
+    milestones = {
+        name: min(int(kept_before[min(step, len(recorded) - 1)]), last)
+        for name, step in recorded.record.milestones.items()
+    }
+    return Episode(replace(recorded.record, milestones=milestones), steps, recorded.final, DEMONSTRATION)

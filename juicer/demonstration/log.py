@@ -10,14 +10,14 @@ import errno
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from juicer.demonstration.archive import MOST_FILE_BYTES, Archive, ArraySpec, explained
+from juicer.demonstration.archive import MOST_FILE_BYTES, Archive, ArrayHeader, explained
 from juicer.demonstration.header import FORMAT, MOST_HEADER_LETTERS, VERSION, LogHeader, parse_header
-from juicer.episode import ACTION_SIZE, FINAL_KEYS, PROPRIOCEPTION_SIZE, STEP_DTYPES
+from juicer.episode import SIMULATOR, ArraySpec, Episode, Outcome, Role
 from juicer.errors import LogNotWritten, RejectedLog
 from juicer.reading import read_bounded
 from juicer.text import printable
@@ -25,8 +25,8 @@ from juicer.text import printable
 __all__ = [
     "FINAL_PREFIX",
     "FORMAT",
+    "LOG",
     "MOST_STEPS",
-    "STEP_ARRAYS",
     "SUFFIX",
     "VERSION",
     "LogFile",
@@ -44,15 +44,15 @@ _HEADER = "header"
 FINAL_PREFIX = "final_"
 """What the names of the arrays after the last step begin with."""
 
-STEP_ARRAYS: Mapping[str, type[np.generic]] = {**STEP_DTYPES, "timestamp_s": np.float64, "idle": np.bool_}
-"""Arrays that have an entry a step, and their types."""
+LOG = SIMULATOR.extended(
+    ArraySpec("timestamp_s", (), "float64", Role.DERIVED), ArraySpec("idle", (), "bool", Role.DERIVED)
+)
+"""Arrays that have an entry a step."""
 
-_ARRAYS: Mapping[str, type[np.generic]] = {
-    **STEP_ARRAYS,
-    **{f"{FINAL_PREFIX}{name}": STEP_DTYPES[name] for name in FINAL_KEYS},
+_ARRAYS: Mapping[str, np.dtype[Any]] = {
+    **{spec.name: np.dtype(spec.dtype) for spec in LOG},
+    **{f"{FINAL_PREFIX}{name}": np.dtype(LOG[name].dtype) for name in LOG.ends},
 }
-_WIDTHS: Mapping[str, int] = {"action": ACTION_SIZE, "proprioception": PROPRIOCEPTION_SIZE}
-_NUMBERS_A_STEP = ("reward", "timestamp_s", "idle")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +60,7 @@ class OperatorLog(LogHeader):
     """One recording, from a reset to the moment the operator ended it.
 
     Attributes:
-        steps: Arrays of :data:`juicer.episode.STEP_DTYPES`, each ``(T, ...)``.
+        steps: Arrays of :data:`juicer.episode.SIMULATOR`, each ``(T, ...)``.
         final: Observation and simulator state after the last action.
         timestamp_s: Seconds since the recording began at which each action was sent ``(T,)``.
         idle: Whether the operator commanded nothing, so that the robot held its last target ``(T,)``.
@@ -70,6 +70,30 @@ class OperatorLog(LogHeader):
     final: Mapping[str, NDArray[np.generic]]
     timestamp_s: NDArray[np.float64]
     idle: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls,
+        episode: Episode,
+        timestamp_s: NDArray[np.float64],
+        idle: NDArray[np.bool_],
+        *,
+        success: bool | None = None,
+    ) -> Self:
+        """Log of an episode that was recorded just now.
+
+        Args:
+            episode: What was recorded; its record says by whom, with which device.
+            timestamp_s: When each action was sent ``(T,)``.
+            idle: Whether the operator commanded nothing ``(T,)``.
+            success: The operator's mark; what the environment says if None.
+        """
+        record = episode.record
+        facts: dict[str, Any] = {
+            entry.name: getattr(record, entry.name) for entry in fields(LogHeader) if entry.name != "success"
+        }
+        kept = record.outcome is Outcome.SUCCESS if success is None else success
+        return cls(**facts, success=kept, steps=episode.steps, final=episode.final, timestamp_s=timestamp_s, idle=idle)
 
     def __len__(self) -> int:
         """Number of recorded steps, idle ones included."""
@@ -101,7 +125,7 @@ class LogFile:
         specs = self._archive.specs
         self.header = parse_header(self._header_text())
         for name, dtype in _ARRAYS.items():
-            _check_spec(name, specs[name], np.dtype(dtype))
+            _check_header(name, specs[name], dtype)
         self.shapes: Mapping[str, tuple[int, ...]] = {name: specs[name].shape for name in _ARRAYS}
         if (length := self.shapes["action"][0]) > MOST_STEPS:
             raise RejectedLog(f"it holds {length:,} steps; a log has at most {MOST_STEPS:,}")
@@ -113,11 +137,11 @@ class LogFile:
             RejectedLog: If one cannot be unpacked.
         """
         with explained():
-            arrays = {name: self._read(name, np.dtype(dtype)) for name, dtype in _ARRAYS.items()}
+            arrays = {name: self._read(name, dtype) for name, dtype in _ARRAYS.items()}
         return OperatorLog(
             **{entry.name: getattr(self.header, entry.name) for entry in fields(LogHeader)},
-            steps={name: arrays[name] for name in STEP_DTYPES},
-            final={name: arrays[f"{FINAL_PREFIX}{name}"] for name in FINAL_KEYS},
+            steps={name: arrays[name] for name in SIMULATOR.names()},
+            final={name: arrays[f"{FINAL_PREFIX}{name}"] for name in LOG.ends},
             timestamp_s=arrays["timestamp_s"],
             idle=arrays["idle"],
         )
@@ -199,13 +223,13 @@ def _arrays(log: OperatorLog) -> dict[str, NDArray[Any]]:
             values = np.asarray(given[name])
         except ValueError:
             raise RejectedLog(f"array '{name}' is made of rows of different lengths") from None
-        _check_spec(name, ArraySpec(values.dtype, values.shape), np.dtype(dtype))
+        _check_header(name, ArrayHeader(values.dtype, values.shape), dtype)
         arrays[name] = values.astype(dtype, copy=False)
     _check_shapes({name: values.shape for name, values in arrays.items()})
     return arrays
 
 
-def _check_spec(name: str, spec: ArraySpec, dtype: np.dtype[Any]) -> None:
+def _check_header(name: str, spec: ArrayHeader, dtype: np.dtype[Any]) -> None:
     if not spec.shape or not np.can_cast(spec.dtype, dtype, "same_kind"):
         raise RejectedLog(
             f"array '{name}' must hold {dtype} along an axis, got {printable(spec.dtype)} "
@@ -217,12 +241,12 @@ def _check_shapes(shapes: Mapping[str, tuple[int, ...]]) -> None:
     length = shapes["action"][0]
     if not 0 < length <= MOST_STEPS:
         raise RejectedLog(f"a log must hold 1 to {MOST_STEPS:,} steps, got {length:,}")
-    for name in STEP_ARRAYS:
-        shape = shapes[name]
-        width = () if name in _NUMBERS_A_STEP else (_WIDTHS.get(name, shape[-1]),)
-        if shape != (length, *width):
-            raise RejectedLog(f"array '{name}' must have the shape {(length, *width)}, got {printable(shape)}")
-    for name in FINAL_KEYS:
+    for spec in LOG:
+        shape = shapes[spec.name]
+        expected = (length, *(shape[-1] if size is None else size for size in spec.shape))
+        if shape != expected:
+            raise RejectedLog(f"array '{spec.name}' must have the shape {expected}, got {printable(shape)}")
+    for name in LOG.ends:
         shape = shapes[FINAL_PREFIX + name]
         if shape != shapes[name][1:]:
             raise RejectedLog(f"array '{FINAL_PREFIX}{name}' must have the shape {shapes[name][1:]}, got {shape}")

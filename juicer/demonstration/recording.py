@@ -1,4 +1,4 @@
-"""Let the scripted operator work, and record it as a human's recording tool would."""
+"""Let an operator work, and record it: every step from the reset to the end of the episode, idle ones too."""
 
 from __future__ import annotations
 
@@ -12,18 +12,29 @@ from queue import SimpleQueue
 import numpy as np
 
 from juicer.demonstration.log import SUFFIX, OperatorLog, write_log
+from juicer.demonstration.operator import Operator, OperatorFactory
 from juicer.episode import EpisodeRecord, Outcome, Source
-from juicer.expert.operator import DEVICE, ScriptedOperator
 from juicer.progress import Progress, silent_progress
-from juicer.seeding import stream
 from juicer.sim.env import STEP_S, AssemblyEnv
 from juicer.sim.recorder import EpisodeRecorder
 
 
-def record_demonstration(env: AssemblyEnv, operator: ScriptedOperator, seed: int) -> OperatorLog:
+def record_demonstration(
+    env: AssemblyEnv, operator: Operator, seed: int, *, name: str | None = None, recorded_at: str | None = None
+) -> OperatorLog:
     """Reset the environment to ``seed`` and let the operator work until the episode ends.
 
     Timestamps count simulated time, so that the same operator on the same seed gives the same log.
+
+    Args:
+        env: Where the operator works.
+        operator: Who works.
+        seed: Initial-state seed.
+        name: Who the operator is, if the log is to say it.
+        recorded_at: When this is, e.g. ``2026-11-26T14:03:00+01:00``, if the log is to say it.
+
+    Raises:
+        InvalidAction: If the environment refuses an action.
     """
     env.reset(seed=seed)
     recorder = EpisodeRecorder(env)
@@ -32,46 +43,32 @@ def record_demonstration(env: AssemblyEnv, operator: ScriptedOperator, seed: int
         step = operator.act(recorder.observation)
         recorder.step(step.action)
         idle.append(step.idle)
-    outcome = Outcome(recorder.info["outcome"])
-    facts = EpisodeRecord(
+    record = EpisodeRecord(
         source=Source.TELEOP,
         task=env.task.name,
         randomness=str(env.randomness),
         seed=seed,
-        outcome=outcome,
+        outcome=Outcome(recorder.info["outcome"]),
         parts_assembled=recorder.info["parts_assembled"],
         milestones=recorder.info["milestones"],
-        device=DEVICE,
+        device=operator.device,
+        operator=name,
+        recorded_at=recorded_at,
     )
-    episode = recorder.episode(facts)
-    return OperatorLog(
-        task=facts.task,
-        randomness=facts.randomness,
-        seed=seed,
-        device=DEVICE,
-        success=outcome is Outcome.SUCCESS,
-        outcome=outcome,
-        parts_assembled=facts.parts_assembled,
-        steps=episode.steps,
-        final=episode.final,
-        timestamp_s=np.arange(len(idle), dtype=np.float64) * STEP_S,
-        idle=np.array(idle),
-        milestones=facts.milestones,
-    )
+    timestamp_s = np.arange(len(idle), dtype=np.float64) * STEP_S
+    return OperatorLog.of(recorder.episode(record), timestamp_s, np.array(idle))
 
 
 def recordings(
-    task: str, randomness: str, seeds: Iterable[int], *, root_seed: int = 0, workers: int = 1
+    task: str, randomness: str, seeds: Iterable[int], operator_of: OperatorFactory, *, workers: int = 1
 ) -> Generator[OperatorLog]:
-    """Recordings of the scripted operator, one a seed and in their order, made in parallel threads.
-
-    A recording depends on the seed and ``root_seed`` alone.
+    """Recordings of operators, one a seed and in their order, made in parallel threads.
 
     Args:
         task: Assembly task, e.g. ``one_leg``.
         randomness: Level of the initial states.
         seeds: Initial-state seeds, read lazily.
-        root_seed: Root of the operator's habits.
+        operator_of: Makes the operator of a recording, on which alone it depends besides the seed.
         workers: Environments that run side by side.
 
     Raises:
@@ -84,8 +81,7 @@ def recordings(
     def make(seed: int) -> OperatorLog:
         env = envs.get()
         try:
-            operator = ScriptedOperator(env.task, stream(root_seed, "operator", seed))
-            return record_demonstration(env, operator, seed)
+            return record_demonstration(env, operator_of(env.task, seed), seed)
         finally:
             envs.put(env)
 
@@ -107,9 +103,9 @@ def record_demonstrations(
     task: str,
     randomness: str,
     seeds: Sequence[int],
+    operator_of: OperatorFactory,
     *,
     successes: int,
-    root_seed: int = 0,
     workers: int = 1,
     progress: Progress = silent_progress,
 ) -> int:
@@ -119,9 +115,9 @@ def record_demonstrations(
         folder: Where the logs go, named by their seeds.
         task: Assembly task.
         randomness: Level of the initial states.
-        seeds: Initial-state seeds at the operator's disposal.
+        seeds: Initial-state seeds at the operators' disposal.
+        operator_of: Makes the operator of a recording.
         successes: Successful demonstrations wanted.
-        root_seed: Root of the operator's habits.
         workers: Environments that run side by side.
         progress: Told of every success.
 
@@ -132,7 +128,7 @@ def record_demonstrations(
         ConfigError: If the task is unknown, or the operator has not learned it.
     """
     achieved = 0
-    logs = recordings(task, randomness, seeds, root_seed=root_seed, workers=workers)
+    logs = recordings(task, randomness, seeds, operator_of, workers=workers)
     for made, log in enumerate(logs, start=1):
         write_log(folder / f"{log.seed:08d}{SUFFIX}", log)
         achieved += log.success

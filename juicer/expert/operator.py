@@ -14,11 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from juicer.demonstration.operator import OperatorFactory, OperatorStep
 from juicer.expert.assembly import AssemblyOperator
 from juicer.expert.handling import Habits
 from juicer.expert.pose import turned
 from juicer.expert.sight import Sight
 from juicer.expert.skills import OPEN, Command, Skill
+from juicer.seeding import stream
 from juicer.tasks.specification import AssemblyTask
 
 DEVICE = "scripted operator"
@@ -51,23 +53,26 @@ class Temperament:
     longest_pause: int = 12
 
 
-@dataclass(frozen=True)
-class OperatorStep:
-    """What the operator's device reports for one control step.
+@dataclass(frozen=True, kw_only=True)
+class ScriptedStep(OperatorStep):
+    """A control step of this operator.
 
     Attributes:
-        action: Absolute action ``(10,)``, see :data:`juicer.episode.ACTION_SIZE`.
-        idle: Whether the operator left the device alone; the action then repeats the last one.
         phase: What the operator is busy with.
     """
 
-    action: NDArray[np.float32]
-    idle: bool
     phase: str
+
+
+def scripted_operators(root_seed: int = 0) -> OperatorFactory:
+    """One operator a recording, whose habits depend on its seed and ``root_seed`` alone."""
+    return lambda task, seed: ScriptedOperator(task, stream(root_seed, "operator", seed))
 
 
 class ScriptedOperator:
     """Assembles one piece of furniture, seeing only observations; one instance for one demonstration."""
+
+    device = DEVICE
 
     def __init__(self, task: AssemblyTask, rng: np.random.Generator, temperament: Temperament | None = None) -> None:
         """Draw the habits of this demonstration.
@@ -91,9 +96,9 @@ class ScriptedOperator:
         self._thinks = False
         self._gripper = OPEN
         self._steps_since_toggle = 0
-        self._last: OperatorStep | None = None
+        self._last: ScriptedStep | None = None
 
-    def act(self, observation: Mapping[str, NDArray[np.floating[Any]]]) -> OperatorStep:
+    def act(self, observation: Mapping[str, NDArray[np.floating[Any]]]) -> ScriptedStep:
         """Decide on the next control step.
 
         Args:
@@ -101,7 +106,7 @@ class ScriptedOperator:
         """
         if self._pause and self._last is not None:
             self._pause -= 1
-            self._last = OperatorStep(self._last.action, idle=True, phase=self._last.phase)
+            self._last = ScriptedStep(self._last.action, idle=True, phase=self._last.phase)
             return self._last
         sight = Sight(self._task, observation)
         if self._work is None:
@@ -110,7 +115,7 @@ class ScriptedOperator:
         else:
             command = self._work.send(sight)
         self._notice(command)
-        self._last = OperatorStep(self._action(sight, command), idle=False, phase=command.phase)
+        self._last = ScriptedStep(self._action(sight, command), idle=False, phase=command.phase)
         return self._last
 
     def _notice(self, command: Command) -> None:

@@ -52,6 +52,8 @@ def ending(episode: Episode) -> str:
 class Captioner:
     """Puts the cameras' images of a frame side by side below a title, the step and the milestones.
 
+    Steps of a demonstration are told as those of the recording, in which idle steps count.
+
     All text stands above the images: players cover the lower edge while a video is paused.
 
     Attributes:
@@ -110,7 +112,7 @@ class Captioner:
 
     def _tell(self, pen: ImageDraw.ImageDraw, step: int, top: int) -> None:
         left, first = self._margin, top + self._margin // 2
-        now = f"step {step}"
+        now = f"step {self.episode.recorded_step(step)}"
         pen.text((left, first), now, _INK, self._large)
         beside = left + self._large.getlength(now) + self._small_px / 2
         pen.text((beside, first + self._large_px - self._small_px), self._progress(step, beside), _MUTED, self._font)
@@ -125,14 +127,15 @@ class Captioner:
 
     def _progress(self, step: int, left: float) -> str:
         """As much as there is room for."""
-        seconds = f"{step * STEP_S:.1f} s"
-        whole = f"of {len(self.episode)}{_SEPARATOR}{seconds}"
+        numbered = self.episode.recorded_step
+        seconds = f"{numbered(step) * STEP_S:.1f} s"
+        whole = f"of {numbered(len(self.episode))}{_SEPARATOR}{seconds}"
         return whole if left + self._font.getlength(whole) <= self._room else seconds
 
     def _list_milestones(self, pen: ImageDraw.ImageDraw, step: int, top: int) -> None:
         """The milestones reached so far, the latest last; the earliest are left out if there are too many."""
         reached = sorted((at, name) for name, at in self.episode.record.milestones.items() if at <= step)
-        told = [(at, f"{_words(name)} {at}") for at, name in reached]
+        told = [(at, f"{_words(name)} {self.episode.recorded_step(at)}") for at, name in reached]
         while told and self._font.getlength(_SEPARATOR.join(text for _, text in told)) > self._room:
             if len(told) == 1:
                 break

@@ -13,7 +13,7 @@ import numpy as np
 import PIL.Image
 from numpy.typing import NDArray
 
-from juicer.episode import STATE_KEY, Episode
+from juicer.episode import Episode
 from juicer.errors import ConfigError, InvalidEpisode, JuicerError
 from juicer.imaging.renderer import MAX_HEIGHT, MAX_WIDTH
 from juicer.sim.env import AssemblyEnv
@@ -76,15 +76,14 @@ def draw(episode: Episode, steps: Iterable[int], view: View) -> Iterator[Frame]:
         RenderingUnavailable: If no OpenGL platform can draw.
         ConfigError: If there is no such camera, or no such task.
         InvalidEpisode: If the states belong to another scene.
+        StateMissing: If the episode has none.
     """
     env = AssemblyEnv(episode.record.task, episode.record.randomness)
     is_restorable = False
     try:
         for step in steps:
-            stored = episode.steps[STATE_KEY][step] if step < len(episode) else episode.final[STATE_KEY]
-            state = np.asarray(stored, dtype=np.float64)
             try:
-                env.set_state(state)
+                env.set_state(episode.state(step))
             except InvalidEpisode:
                 if not is_restorable:  # states of another scene
                     raise

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from juicer.episode import OBSERVATION_KEYS, STATE_KEY, STEP_DTYPES, Episode, EpisodeRecord
+from juicer.episode import SIMULATOR, STATE_KEY, Episode, EpisodeRecord, Role
 from juicer.sim.controller import validate_action
 from juicer.sim.env import AssemblyEnv
+
+_SHOWN = SIMULATOR.names(Role.OBSERVATION)
 
 
 class EpisodeRecorder:
@@ -25,7 +27,7 @@ class EpisodeRecorder:
     def __init__(self, env: AssemblyEnv) -> None:
         """Start recording at the environment's present state."""
         self._env = env
-        self._steps: dict[str, list[NDArray[np.generic] | float]] = {name: [] for name in STEP_DTYPES}
+        self._steps: dict[str, list[NDArray[np.generic] | float]] = {name: [] for name in SIMULATOR.names()}
         self.observation: Mapping[str, NDArray[np.float32]] = env.observation()
         self.info: Mapping[str, Any] = {}
         self.done = False
@@ -47,7 +49,7 @@ class EpisodeRecorder:
         action = validate_action(action).astype(np.float32)
         before = self._env.get_state()
         observation, reward, terminated, truncated, self.info = self._env.step(action)
-        for name in OBSERVATION_KEYS:
+        for name in _SHOWN:
             self._steps[name].append(self.observation[name])
         self._steps[STATE_KEY].append(before)
         self._steps["action"].append(action)
@@ -68,9 +70,9 @@ class EpisodeRecorder:
         Raises:
             InvalidEpisode: If nothing was recorded.
         """
-        final = {name: self.observation[name] for name in OBSERVATION_KEYS}
+        final = {name: self.observation[name] for name in _SHOWN}
         return Episode(
             record=record,
-            steps={name: np.asarray(values, dtype=STEP_DTYPES[name]) for name, values in self._steps.items()},
+            steps={spec.name: np.asarray(self._steps[spec.name], dtype=spec.dtype) for spec in SIMULATOR},
             final={**final, STATE_KEY: self._env.get_state()},
         )

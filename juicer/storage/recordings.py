@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -18,11 +17,14 @@ _SCHEMA = pa.schema(
     {
         "log": pa.string(),
         "episode": pa.int32(),
+        "episode_id": pa.string(),
         "num_steps": pa.int32(),
         "kept": pa.list_(pa.int32()),
         "reason": pa.string(),
     }
 )
+
+_OLDER = _SCHEMA.remove(_SCHEMA.get_field_index("episode_id"))
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,7 @@ class Recording:
     Attributes:
         log: Its name.
         episode: Number of the demonstration that it became; None if it was rejected.
+        episode_id: Its id.
         num_steps: Its steps; None if it was rejected.
         kept: Its steps that became the episode's steps, in order; the operator was idle at the others.
         reason: Why it was rejected, as one sentence; empty if it was not.
@@ -39,6 +42,7 @@ class Recording:
 
     log: str
     episode: int | None = None
+    episode_id: str | None = None
     num_steps: int | None = None
     kept: tuple[int, ...] = ()
     reason: str = ""
@@ -53,16 +57,6 @@ class Recording:
         """Stretches of dropped steps: the first and the last of each."""
         edges = [-1, *self.kept, self.num_steps or 0]
         return tuple((before + 1, after - 1) for before, after in pairwise(edges) if after - before > 1)
-
-    def episode_step(self, log_step: int) -> int:
-        """Step of the episode that a step of the log became; for a dropped one, the step before.
-
-        Raises:
-            ValueError: If the log has no such step, or became no episode.
-        """
-        if not 0 <= log_step < (self.num_steps or 0):
-            raise ValueError(f"log '{self.log}' has no step {log_step} that could be in an episode")
-        return max(bisect_right(self.kept, log_step) - 1, 0)
 
 
 def write_recordings(folder: Path, rows: Iterable[Recording]) -> None:
@@ -80,5 +74,5 @@ def read_recordings(folder: Path) -> list[Recording]:
 
 
 def _read(folder: Path) -> Iterator[Recording]:
-    for row in read_table(folder / RECORDINGS, _SCHEMA, optional=("episode", "num_steps")):
+    for row in read_table(folder / RECORDINGS, _SCHEMA, ("episode", "episode_id", "num_steps"), _OLDER):
         yield Recording(**{**row, "kept": tuple(row["kept"])})

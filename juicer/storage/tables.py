@@ -25,14 +25,14 @@ EXAMPLES = "examples"
 
 _ANNOTATIONS = pa.schema(
     {
-        "episode": pa.int32(),
+        "episode_id": pa.string(),
         "step": pa.int32(),
         "critical_state": pa.int32(),
         "author": pa.string(),
         "confidence": pa.float64(),
     }
 )
-_SELECTION = pa.schema({"episode": pa.int32(), "keep": pa.bool_(), "reason": pa.string()})
+_SELECTION = pa.schema({"episode_id": pa.string(), "keep": pa.bool_(), "reason": pa.string()})
 _EVALUATION = pa.schema(
     {
         "episode": pa.int32(),
@@ -47,12 +47,12 @@ _EVALUATION = pa.schema(
 
 @dataclass(frozen=True)
 class Annotation:
-    """A critical state: index of the episode in its artifact, step within it, which critical state of the task it is.
+    """A critical state: id of the episode, step within it, which critical state of the task it is.
 
     ``confidence`` lies between zero and one; a human's annotation has one.
     """
 
-    episode: int
+    episode_id: str
     step: int
     critical_state: int
     author: Literal["proposed", "human"]
@@ -63,7 +63,7 @@ class Annotation:
 class SelectionRow:
     """Whether an episode of an artifact is kept, and why."""
 
-    episode: int
+    episode_id: str
     keep: bool
     reason: str
 
@@ -125,13 +125,16 @@ def write_table(path: Path, schema: pa.Schema, rows: Iterable[Mapping[str, Any]]
     pq.write_table(pa.Table.from_pylist(list(rows), schema=schema), path)
 
 
-def read_table(path: Path, schema: pa.Schema, optional: Collection[str] = ()) -> list[dict[str, Any]]:
+def read_table(
+    path: Path, schema: pa.Schema, optional: Collection[str] = (), older: pa.Schema | None = None
+) -> list[dict[str, Any]]:
     """Read every row of a Parquet file; map columns become dictionaries.
 
     Args:
         path: The file.
         schema: Names and types of its columns.
         optional: Columns that need not have a value in every row.
+        older: What an earlier juicer wrote: what it lacks is None, what there is no place for today is left out.
 
     Raises:
         ArtifactError: If the file is missing, has another schema, lacks values, or has absurdly many rows.
@@ -143,6 +146,11 @@ def read_table(path: Path, schema: pa.Schema, optional: Collection[str] = ()) ->
             table = file.read()
     except (OSError, pa.ArrowException):
         raise ArtifactError(f"'{path}' is not a Parquet table that juicer wrote") from None
+    if older is not None and table.schema.equals(older):
+        for name in schema.names:
+            if name not in older.names:
+                table = table.append_column(name, pa.nulls(len(table), schema.field(name).type))
+        table = table.select(schema.names)
     if not table.schema.equals(schema):
         names = printable(table.schema.names)
         raise ArtifactError(f"'{path}' has the columns {names} of another version; expected {schema.names}")

@@ -21,6 +21,7 @@ CONFIG = AnnotationConfig()
 class Reader:
     def __init__(self, episodes: Sequence[Episode]) -> None:
         self.episodes = episodes
+        self.records = [episode.record for episode in episodes]
 
     def __len__(self) -> int:
         return len(self.episodes)
@@ -64,36 +65,60 @@ def test_a_leg_that_never_comes_near_its_hole_has_no_critical_state(env: Assembl
 
 
 def test_annotations_do_not_depend_on_the_number_of_workers(insertions: list[Episode]):
-    demonstrations = Reader([*insertions, *insertions])
+    more = [replace(each, record=replace(each.record, episode_id=f"more {each.record.seed}")) for each in insertions]
+    demonstrations = Reader([*insertions, *more])
     alone = list(annotate(demonstrations, CONFIG, num_workers=1))
     assert alone == list(annotate(demonstrations, CONFIG, num_workers=3))
-    assert [row.episode for row in alone] == [0, 1, 2, 3]
+    assert [row.episode_id for row in alone] == [record.episode_id for record in demonstrations.records]
     assert {row.author for row in alone} == {"proposed"}
 
 
 def test_nothing_is_proposed_for_a_failure(insertions: list[Episode]):
     failed = replace(insertions[0], record=replace(insertions[0].record, outcome=Outcome.TIMEOUT))
-    assert [row.episode for row in annotate(Reader([failed, insertions[1]]), CONFIG)] == [1]
+    (row,) = annotate(Reader([failed, insertions[1]]), CONFIG)
+    assert row.episode_id == insertions[1].record.episode_id
 
 
 def test_a_human_label_replaces_the_proposal(insertions: list[Episode]):
-    rows = list(annotate(Reader(insertions), CONFIG, [Label(1, 7, 0, "labels.csv, line 2")]))
-    assert rows[1] == Annotation(episode=1, step=7, critical_state=0, author="human", confidence=1.0)
-    assert rows[0].author == "proposed"
+    name = insertions[1].record.episode_id
+    first, second = annotate(Reader(insertions), CONFIG, [Label(name[:8], 7, 0, "labels.csv, line 2")])
+    assert second == Annotation(episode_id=name, step=7, critical_state=0, author="human", confidence=1.0)
+    assert first.author == "proposed"
+
+
+def named(episode: Episode, log: str) -> Episode:
+    return replace(episode, record=replace(episode.record, log=log))
 
 
 @pytest.mark.parametrize(
     ("label", "message"),
     [
-        (Label(2, 7, 0, "here"), "here: there is no episode 2; episodes are numbered 0 to 1"),
-        (Label(0, 400, 0, "here"), "here: episode 0 has no step 400; it has 41 steps"),
-        (Label(0, 7, 1, "here"), "here: there is no critical state 1; the task has 1"),
+        (
+            Label("demo_3.npz", 7, 0, "here"),
+            "here: there is no demonstration of a recording 'demo_3.npz'; did you mean",
+        ),
+        (Label("0", 7, 0, "here"), "here: there is no demonstration of a recording '0'; valid: demo_0.npz, demo_1.npz"),
+        (Label("demo_0.npz", 400, 0, "here"), "here: recording demo_0.npz has no step 400 in which something was done"),
+        (Label("demo_0.npz", 7, 1, "here"), "here: there is no critical state 1; the task has 1"),
     ],
 )
 def test_a_label_for_what_is_not_there_is_refused(insertions: list[Episode], label: Label, message: str):
+    reader = Reader([named(episode, f"demo_{number}.npz") for number, episode in enumerate(insertions)])
     with pytest.raises(InvalidLabels) as refusal:
-        list(annotate(Reader(insertions), CONFIG, [label]))
+        list(annotate(reader, CONFIG, [label]))
     assert message in str(refusal.value)
+
+
+def test_a_label_that_several_recordings_answer_to_is_refused(insertions: list[Episode]):
+    reader = Reader([named(episode, "demo.npz") for episode in insertions])
+    with pytest.raises(InvalidLabels, match=r"'demo\.npz' names 2 recordings, \w{16}, \w{16}; write the whole id"):
+        list(annotate(reader, CONFIG, [Label("demo.npz", 7, 0, "here")]))
+
+
+def test_one_critical_state_cannot_be_labelled_under_two_names_of_its_recording(insertions: list[Episode]):
+    labels = [Label("demo_0.npz", 7, 0, "here"), Label(insertions[0].record.episode_id, 9, 0, "there")]
+    with pytest.raises(InvalidLabels, match=r"there: critical state 0 .* was already labelled at here"):
+        list(annotate(Reader([named(insertions[0], "demo_0.npz")]), CONFIG, labels))
 
 
 def test_no_demonstrations_have_no_annotations():

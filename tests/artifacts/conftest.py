@@ -154,7 +154,7 @@ def _write_every_kind(store: ArtifactStore) -> ArtifactStore:
     import numpy as np
 
     from juicer.demonstration.log import OperatorLog, write_log
-    from juicer.episode import ACTION_SIZE, FINAL_KEYS, PROPRIOCEPTION_SIZE, Episode, EpisodeRecord, Outcome, Source
+    from juicer.episode import SIMULATOR, Episode, EpisodeRecord, Outcome, Source
     from juicer.imaging.video import write_video
     from juicer.policy.checkpoint import Checkpoint, CheckpointMetadata, save_checkpoint
     from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
@@ -176,10 +176,11 @@ def _write_every_kind(store: ArtifactStore) -> ArtifactStore:
     )
 
     rng = np.random.default_rng(0)
-    shapes = {"proprioception": (PROPRIOCEPTION_SIZE,), "part_poses": (14,), "sim_state": (12,)}
-    shapes |= {"action": (ACTION_SIZE,), "reward": ()}
-    steps = {name: rng.normal(size=(6, *shape)).astype(np.float32) for name, shape in shapes.items()}
-    final = {name: steps[name][-1] for name in FINAL_KEYS}
+    sizes = {"part_poses": (14,), "sim_state": (12,)}
+    steps = {
+        spec.name: rng.normal(size=(6, *sizes.get(spec.name, spec.shape))).astype(spec.dtype) for spec in SIMULATOR
+    }
+    final = {name: steps[name][-1] for name in SIMULATOR.ends}
     facts = {"source": Source.TELEOP, "task": "one_leg", "randomness": "low", "seed": 1, "parts_assembled": 1}
     episode = Episode(EpisodeRecord(**facts, outcome=Outcome.SUCCESS), steps, final)
     pair = PairSpec(first=0, second=1, target=(0.0, 0.05, 0.0, 1.0, 0.0, 0.0, 0.0))
@@ -213,8 +214,12 @@ def _write_every_kind(store: ArtifactStore) -> ArtifactStore:
     makers: dict[str, Callable[[Path, Path], object]] = {
         "logs": log,
         "episodes": lambda folder, scratch: write_episodes(folder, [episode], {"source": "teleop"}),
-        "annotations": lambda folder, scratch: write_annotations(folder, [Annotation(0, 3, 0, "human", 1.0)]),
-        "selection": lambda folder, scratch: write_selection(folder, [SelectionRow(0, True, "success")]),
+        "annotations": lambda folder, scratch: write_annotations(
+            folder, [Annotation(episode.record.episode_id, 3, 0, "human", 1.0)]
+        ),
+        "selection": lambda folder, scratch: write_selection(
+            folder, [SelectionRow(episode.record.episode_id, True, "success")]
+        ),
         "checkpoint": checkpoint,
         "evaluation": evaluation,
         "report": report,

@@ -179,17 +179,18 @@ def replayed_demonstrations(folder: Path) -> None:
 
 
 def zarr_and_parquet(folder: Path) -> None:
-    from juicer.episode import ACTION_SIZE, FINAL_KEYS, PROPRIOCEPTION_SIZE, Episode, EpisodeRecord, Outcome, Source
+    from juicer.episode import SIMULATOR, Episode, EpisodeRecord, Outcome, Source
     from juicer.storage.episodes import write_episodes
 
     rng = np.random.default_rng(0)
-    shapes = {"proprioception": (PROPRIOCEPTION_SIZE,), "part_poses": (14,), "sim_state": (200,)}
-    shapes |= {"action": (ACTION_SIZE,), "reward": ()}
-    steps = {name: rng.normal(size=(2500, *shape)) for name, shape in shapes.items()}
+    sizes = {"part_poses": (14,), "sim_state": (200,)}
+    steps = {
+        spec.name: rng.normal(size=(2500, *sizes.get(spec.name, spec.shape))).astype(spec.dtype) for spec in SIMULATOR
+    }
     record = EpisodeRecord(
         source=Source.TELEOP, task="one_leg", randomness="low", seed=1, parts_assembled=1, outcome=Outcome.SUCCESS
     )
-    episode = Episode(record, steps, {name: steps[name][-1] for name in FINAL_KEYS})
+    episode = Episode(record, steps, {name: steps[name][-1] for name in SIMULATOR.ends})
     write_episodes(folder, [episode], {})
 
 
@@ -197,7 +198,7 @@ def parquet(folder: Path) -> None:
     from juicer.storage.tables import SelectionRow, write_selection
 
     rng = np.random.default_rng(0)
-    write_selection(folder, [SelectionRow(index, True, rng.bytes(20).hex()) for index in range(60_000)])
+    write_selection(folder, [SelectionRow(str(index), True, rng.bytes(20).hex()) for index in range(60_000)])
 
 
 def compressed_log(folder: Path) -> None:

@@ -11,7 +11,7 @@ CRITICAL_STEP = 16
 
 @pytest.fixture(scope="session")
 def reference(insertions: list[Episode]) -> Reference:
-    return reference_of(insertions[0], "0123/0", CRITICAL_STEP, 0, steps_after_gripper_change=5)
+    return reference_of(insertions[0], CRITICAL_STEP, 0, steps_after_gripper_change=5)
 
 
 @pytest.fixture(scope="session")

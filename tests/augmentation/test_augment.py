@@ -26,6 +26,7 @@ CONFIG = AugmentationConfig(num_snippets=3)
 class Reader:
     def __init__(self, episodes: Sequence[Episode]) -> None:
         self.episodes = episodes
+        self.records = [episode.record for episode in episodes]
 
     def __len__(self) -> int:
         return len(self.episodes)
@@ -34,15 +35,17 @@ class Reader:
         return self.episodes[index]
 
 
-def critical(episode: int, critical_state: int = 0, confidence: float = 1.0) -> Annotation:
-    return Annotation(episode, STEP, critical_state, "proposed", confidence)
+def critical(episode: Episode, critical_state: int = 0, confidence: float = 1.0) -> Annotation:
+    return Annotation(episode.record.episode_id, STEP, critical_state, "proposed", confidence)
 
 
 def run(
-    insertions: list[Episode], annotations: Sequence[Annotation] = (critical(0), critical(1)), **changes: Any
+    insertions: list[Episode], annotations: Sequence[Annotation] | None = None, **changes: Any
 ) -> list[Snippet | FailedAttempt]:
     settings: dict[str, Any] = {"config": CONFIG, "seed": 0, "num_workers": 2} | changes
-    return list(augment(Reader(insertions), annotations, artifact="0123", **settings))
+    if annotations is None:
+        annotations = [critical(episode) for episode in insertions]
+    return list(augment(Reader(insertions), annotations, **settings))
 
 
 @pytest.fixture(scope="module")
@@ -54,10 +57,12 @@ def snippets(attempts: Sequence[Snippet | FailedAttempt]) -> list[Snippet]:
     return [attempt for attempt in attempts if isinstance(attempt, Snippet)]
 
 
-def test_as_many_snippets_as_wanted_come_from_the_demonstrations(attempts: list[Snippet | FailedAttempt]):
+def test_as_many_snippets_as_wanted_come_from_the_demonstrations(
+    attempts: list[Snippet | FailedAttempt], insertions: list[Episode]
+):
     kept = snippets(attempts)
     assert len(kept) == 3
-    assert {snippet.episode.record.parent for snippet in kept} <= {"0123/0", "0123/1"}
+    assert {snippet.episode.record.parent for snippet in kept} <= {episode.record.episode_id for episode in insertions}
     assert all(snippet.episode.record.critical_state == 0 for snippet in kept)
     assert all(snippet.sideways_m > 0 for snippet in kept)
 
@@ -97,7 +102,7 @@ def test_critical_states_are_balanced_even_if_one_is_rejected_more_often(
         return Snippet(insertions[0], reference.critical_state, "far", 0.0, 0.0, 0.0)
 
     monkeypatch.setattr(module, "attempt_snippet", judge)
-    annotations = [critical(0, 0), critical(1, 0), critical(0, 1)]
+    annotations = [critical(insertions[0]), critical(insertions[1]), critical(insertions[0], 1)]
     kept = snippets(run(insertions, annotations, config=AugmentationConfig(num_snippets=200)))
     share = sum(snippet.critical_state == 1 for snippet in kept) / len(kept)
     # One of three annotations, succeeding three times in ten: without the balance the share would be 0.13.
@@ -106,9 +111,10 @@ def test_critical_states_are_balanced_even_if_one_is_rejected_more_often(
 
 def test_uncertain_proposals_and_failures_are_not_used(insertions: list[Episode]):
     failed = replace(insertions[1], record=replace(insertions[1].record, outcome=Outcome.TIMEOUT))
-    annotations = [critical(0, confidence=0.4), critical(1), critical(2)]
-    references = find_references(Reader([insertions[0], failed, insertions[0]]), annotations, CONFIG, "0123")
-    assert [reference.parent for reference in references] == ["0123/2"]
+    third = replace(insertions[0], record=replace(insertions[0].record, episode_id="third"))
+    annotations = [critical(insertions[0], confidence=0.4), critical(failed), critical(third)]
+    references = find_references(Reader([insertions[0], failed, third]), annotations, CONFIG)
+    assert [reference.parent for reference in references] == ["third"]
 
 
 def why_nothing(attempts: list[Snippet | FailedAttempt], config: AugmentationConfig = CONFIG) -> str:
@@ -118,7 +124,7 @@ def why_nothing(attempts: list[Snippet | FailedAttempt], config: AugmentationCon
 
 
 def test_without_a_critical_state_there_is_nothing_to_do(insertions: list[Episode]):
-    attempts = run(insertions, [critical(0, confidence=0.1)])
+    attempts = run(insertions, [critical(insertions[0], confidence=0.1)])
     assert attempts == []
     assert "lower augment.min_confidence (now 0.5)" in why_nothing(attempts)
 

@@ -16,7 +16,7 @@ def with_gripper(episode: Episode, commands: Sequence[float]) -> Episode:
 
 def test_a_reference_runs_until_some_steps_after_the_next_gripper_change(episode_factory: Callable[..., Episode]):
     demonstration = with_gripper(episode_factory(20, seed=4), [1.0] * 8 + [-1.0] * 12)
-    reference = reference_of(demonstration, "0123/6", 3, 0, steps_after_gripper_change=5)
+    reference = reference_of(demonstration, 3, 0, steps_after_gripper_change=5)
     np.testing.assert_array_equal(reference.actions, demonstration.steps["action"][3:13])
     np.testing.assert_array_equal(reference.change.part_poses, demonstration.steps["part_poses"][8])
     np.testing.assert_array_equal(reference.end.part_poses, demonstration.steps["part_poses"][13])
@@ -24,13 +24,13 @@ def test_a_reference_runs_until_some_steps_after_the_next_gripper_change(episode
     np.testing.assert_array_equal(reference.state, demonstration.steps[STATE_KEY][3])
     np.testing.assert_array_equal(reference.pose, demonstration.steps["proprioception"][3, :9])
     assert reference.gripper == 1.0
-    assert (reference.parent, reference.seed, reference.critical_state) == ("0123/6", 4, 0)
+    assert (reference.parent, reference.seed, reference.critical_state) == (demonstration.record.episode_id, 4, 0)
 
 
 def test_a_reference_ends_with_its_demonstration(episode_factory: Callable[..., Episode]):
     for commands in ([1.0] * 18 + [-1.0] * 2, [1.0] * 20):
         demonstration = with_gripper(episode_factory(20), commands)
-        reference = reference_of(demonstration, "0123/6", 3, 0, steps_after_gripper_change=5)
+        reference = reference_of(demonstration, 3, 0, steps_after_gripper_change=5)
         assert len(reference.actions) == 17
         np.testing.assert_array_equal(reference.end.part_poses, demonstration.final["part_poses"])
         assert reference.end.remaining == 0
@@ -38,4 +38,4 @@ def test_a_reference_ends_with_its_demonstration(episode_factory: Callable[..., 
 
 def test_a_command_that_keeps_the_gripper_is_spelt_out(episode_factory: Callable[..., Episode]):
     demonstration = with_gripper(episode_factory(20), [1.0] + [0.0] * 9 + [-1.0] * 10)
-    assert reference_of(demonstration, "0123/6", 3, 0, steps_after_gripper_change=5).gripper == 1.0
+    assert reference_of(demonstration, 3, 0, steps_after_gripper_change=5).gripper == 1.0

@@ -15,6 +15,7 @@ from juicer.demonstration.ingestion import Ingestion, IngestionConfig
 from juicer.demonstration.log import OperatorLog
 from juicer.demonstration.recording import recordings
 from juicer.errors import RejectedLog
+from juicer.expert.operator import scripted_operators
 from juicer.sim.env import AssemblyEnv
 
 Array = NDArray[Any]
@@ -158,12 +159,12 @@ def test_sleep_that_would_send_the_simulator_round_in_circles_is_rejected(record
 
 @pytest.mark.parametrize(("task", "randomness"), [("lamp", "med"), ("round_table", "low"), ("one_leg", "low")])
 def test_honest_recordings_are_believed(task: str, randomness: str):
-    log = next(log for log in recordings(task, randomness, range(5)) if log.success)
+    log = next(log for log in recordings(task, randomness, range(5), scripted_operators()) if log.success)
     ClaimChecker(task).check(log)
 
 
 @pytest.mark.slow
 def test_honest_recordings_of_four_legs_are_believed():
-    log = next(log for log in recordings("square_table", "low", range(5)) if log.success)
+    log = next(log for log in recordings("square_table", "low", range(5), scripted_operators()) if log.success)
     assert log.steps["reward"].sum() == 4
     ClaimChecker("square_table").check(log)

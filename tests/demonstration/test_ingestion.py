@@ -17,6 +17,7 @@ from juicer.demonstration.ingestion import Demonstration, Ingestion, IngestionCo
 from juicer.demonstration.log import OperatorLog, write_log
 from juicer.episode import Outcome, Source
 from juicer.errors import ConfigError, RejectedLog
+from juicer.sim.env import AssemblyEnv
 
 CONFIG = IngestionConfig(task="one_leg")
 AT_ONCE = IngestionConfig(task="one_leg", kept_after_toggle=0)
@@ -64,6 +65,40 @@ def test_idle_steps_are_dropped_and_the_rest_stays_aligned(log_with: LogFactory)
     for name in ("action", "sim_state"):
         np.testing.assert_array_equal(demonstration.episode.steps[name], log.steps[name][kept])
     assert demonstration.episode.record.milestones["leg_lifted"] == log.milestones["leg_lifted"] - 4
+
+
+def test_a_demonstration_replays_bit_for_bit_exactly_where_it_says_so(log_with: LogFactory):
+    log = log_with()
+    episode = ingest_log(replace(log, idle=idle_at(log, 0, 10, 20, 21))).episode
+    continuous = episode.steps["continuous"]
+    assert np.flatnonzero(~continuous).tolist() == [8, 17]
+    np.testing.assert_array_equal(episode.steps["recorded_step"], np.delete(np.arange(len(log)), [0, 10, 20, 21]))
+    env = AssemblyEnv("one_leg")
+    for step in (7, 8, 9, 17, 18, len(episode) - 1):
+        env.set_state(episode.state(step))
+        env.step(episode.steps["action"][step])
+        assert np.array_equal(env.get_state(), episode.state(step + 1)) == continuous[step]
+
+
+def test_a_dropped_tail_is_marked_too(log_with: LogFactory):
+    log = log_with()
+    episode = ingest_log(replace(log, idle=idle_at(log, len(log) - 1)), AT_ONCE).episode
+    assert np.flatnonzero(~episode.steps["continuous"]).tolist() == [len(episode) - 1]
+
+
+def test_the_same_log_has_the_same_id_whatever_is_dropped_of_it_and_whatever_its_name(
+    log_with: LogFactory, tmp_path: Path
+):
+    log = replace(log_with(), idle=idle_at(log_with(), 5, 6, 7))
+    write_log(tmp_path / "a.npz", log)
+    write_log(tmp_path / "b.npz", replace(log, device="another hand"))
+    ids = set()
+    for name, config in (("a.npz", CONFIG), ("a.npz", AT_ONCE), ("b.npz", CONFIG)):
+        (demonstration,) = ingest([tmp_path / name], config)
+        assert isinstance(demonstration, Demonstration)
+        assert demonstration.episode.record.log == name
+        ids.add(demonstration.episode.record.episode_id)
+    assert len(ids) == 1
 
 
 def actions_with(gripper: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -124,7 +159,7 @@ BAD_LOGS: dict[str, Change] = {
     "'sim_state' holds NaN": broken("sim_state", (4, 1), np.nan),
     "'timestamp_s' holds NaN": lambda log: {"timestamp_s": np.where(np.arange(len(log)) == 3, np.inf, 0.0)},
     "step 11 leaves the range": broken("action", (11, 2), 1.5),
-    "no pose": broken("action", (slice(20, 21), slice(3, 9)), 0.0),
+    "does not encode a pose": broken("action", (slice(20, 21), slice(3, 9)), 0.0),
     r"'part_poses' must have the shape \(\d+, 35\)": with_steps(part_poses=lambda poses: poses[:, :21]),
     "'idle' has 79 steps": {"idle": np.zeros(79, bool)},
     "'reward' has 10 steps": with_steps(reward=lambda reward: reward[:10]),

@@ -12,7 +12,7 @@ from juicer.demonstration.ingestion import Ingestion, IngestionConfig
 from juicer.demonstration.log import OperatorLog, read_log
 from juicer.demonstration.recording import record_demonstration, record_demonstrations, recordings
 from juicer.errors import ConfigError
-from juicer.expert.operator import DEVICE, ScriptedOperator, Temperament
+from juicer.expert.operator import DEVICE, ScriptedOperator, Temperament, scripted_operators
 from juicer.gripper import gripper_commands
 from juicer.seeding import stream
 from juicer.sim.env import AssemblyEnv
@@ -91,9 +91,17 @@ def test_demonstrations_are_written_until_enough_succeed_whatever_the_workers(tm
         (tmp_path / str(workers)).mkdir()
     reports: list[int] = []
     alone = record_demonstrations(
-        tmp_path / "1", "one_leg", "low", range(5), successes=1, progress=lambda done, *_, **__: reports.append(done)
+        tmp_path / "1",
+        "one_leg",
+        "low",
+        range(5),
+        scripted_operators(),
+        successes=1,
+        progress=lambda done, *_, **__: reports.append(done),
     )
-    together = record_demonstrations(tmp_path / "2", "one_leg", "low", range(5), successes=1, workers=2)
+    together = record_demonstrations(
+        tmp_path / "2", "one_leg", "low", range(5), scripted_operators(), successes=1, workers=2
+    )
     assert alone == together == 1
     assert reports[-1] == 1
     first, second = sorted((tmp_path / "1").iterdir()), sorted((tmp_path / "2").iterdir())
@@ -105,5 +113,7 @@ def test_demonstrations_are_written_until_enough_succeed_whatever_the_workers(tm
 @pytest.mark.slow
 @pytest.mark.parametrize("randomness", ["low", "med"])
 def test_the_operator_hardly_ever_fails(randomness: str):
-    successes = sum(log.success for log in recordings("one_leg", randomness, range(8000, 8020), workers=2))
+    successes = sum(
+        log.success for log in recordings("one_leg", randomness, range(8000, 8020), scripted_operators(), workers=2)
+    )
     assert successes >= 18

@@ -83,7 +83,11 @@ def test_a_state_of_an_explosion_is_left_out_and_one_of_another_scene_is_refused
     exploded = replace(insertions[0], steps={**insertions[0].steps, STATE_KEY: states})
     small = View(cameras=("front",), width=160, height=120)
     assert [frame.step for frame in draw(exploded, [0, 2, 4], small)] == [0, 2]
-    other = replace(insertions[0], steps={**insertions[0].steps, STATE_KEY: states[:, 1:]})
+    other = replace(
+        insertions[0],
+        steps={**insertions[0].steps, STATE_KEY: states[:, 1:]},
+        final={**insertions[0].final, STATE_KEY: states[-1, 1:]},
+    )
     with pytest.raises(InvalidEpisode):
         list(draw(other, [0], small))
 

@@ -130,13 +130,14 @@ def test_ingest_counts_what_it_keeps_and_names_what_it_rejects(loop, logs, tmp_p
 
 def test_annotations_name_the_critical_state_of_every_demonstration(loop):
     rows = read_annotations(loop.store.open(loop.annotations))
-    assert [row.episode for row in rows] == [0, 1]
+    assert [row.episode_id for row in rows] == list(EpisodeReader(loop.store.open(loop.demonstrations)).ids)
     assert summary(loop, loop.annotations)["authors"] == {"proposed": 2}
 
 
 def test_labels_of_a_human_override(loop, tmp_path):
     labels = tmp_path / "labels.csv"
-    labels.write_text("episode,step,critical_state\n0,5,0\n")
+    first = EpisodeReader(loop.store.open(loop.demonstrations)).read(0)
+    labels.write_text(f"recording,step,critical_state\n{first.record.log},{first.recorded_step(5)},0\n")
     ref = annotate(loop.session, episodes=loop.demonstrations, labels=labels, config=AnnotationConfig())
     first, second = read_annotations(loop.store.open(ref))
     assert (first.step, first.author, second.author) == (5, "human", "proposed")
@@ -146,7 +147,7 @@ def test_labels_of_a_human_override(loop, tmp_path):
 def test_snippets_know_their_demonstration(loop):
     records = EpisodeReader(loop.store.open(loop.corrective)).records
     assert len(records) == summary(loop, loop.corrective)["snippets"] == 2
-    assert all(record.parent.startswith(loop.demonstrations.id) for record in records)
+    assert {record.parent for record in records} <= set(EpisodeReader(loop.store.open(loop.demonstrations)).ids)
     assert loop.store.lineage(loop.corrective) == [loop.demonstrations, loop.annotations]
 
 
@@ -160,13 +161,18 @@ def test_checkpoint_brings_its_curves_and_the_size_of_its_data(loop):
     assert curves["validation/loss"][0] == (3, 6)
 
 
+def changed(episode, **facts):
+    """Another episode, whose id is its own."""
+    return replace(episode, record=replace(episode.record, **facts, episode_id=""))
+
+
 def test_training_on_a_selection_reads_only_the_kept_episodes(loop, tmp_path, insertions):
     rollouts = loop.store.manifest(loop.rollouts).recipe
-    failed = [replace(insertions[1], record=replace(insertions[1].record, outcome="timeout", source="rollout"))]
-    succeeded = [replace(insertions[0], record=replace(insertions[0].record, source="rollout"))]
+    failed = changed(insertions[1], outcome="timeout", source="rollout")
+    first, second = (changed(insertions[0], source="rollout", seed=seed) for seed in (7, 8))
     recipe = replace(rollouts, config={"made": "by hand"})
     with loop.store.create(recipe) as draft:
-        write_episodes(draft.path, [*failed, *succeeded, *succeeded], {})
+        write_episodes(draft.path, [failed, first, second], {})
     selection = select(loop.session, episodes=recipe.ref, config=SelectConfig(max_episodes=1))
     rows = read_selection(loop.store.open(selection))
     assert [(row.keep, row.reason) for row in rows] == [
@@ -181,11 +187,12 @@ def test_training_on_a_selection_reads_only_the_kept_episodes(loop, tmp_path, in
 
 def test_a_success_that_dawdled_is_not_imitated(loop, insertions):
     recipe = replace(loop.store.manifest(loop.rollouts).recipe, config={"made": "of quick and slow ones"})
-    quick = replace(insertions[0], record=replace(insertions[0].record, source="rollout"))
-    failed = replace(quick, record=replace(quick.record, outcome="timeout"))
-    slow = replace(quick, steps={name: np.concatenate([rows, rows]) for name, rows in quick.steps.items()})
+    quick, another = (changed(insertions[0], source="rollout", seed=seed) for seed in (7, 8))
+    failed = changed(quick, outcome="timeout", seed=9)
+    twice = {name: np.concatenate([rows, rows]) for name, rows in quick.steps.items()}
+    slow = changed(replace(quick, steps=twice), seed=10)
     with loop.store.create(recipe) as draft:
-        write_episodes(draft.path, [slow, quick, failed, quick], {})
+        write_episodes(draft.path, [slow, quick, failed, another], {})
     selection = select(loop.session, episodes=recipe.ref, config=SelectConfig(longest=1.5))
     rows = read_selection(loop.store.open(selection))
     assert [row.keep for row in rows] == [False, True, False, True]

@@ -5,15 +5,17 @@ from __future__ import annotations
 import gc
 import tracemalloc
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import zarr
 
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
-from juicer.episode import FINAL_KEYS, STEP_DTYPES, Episode, Outcome, Source
-from juicer.errors import ArtifactError, InvalidEpisode, NothingLeft
+from juicer.episode import DEMONSTRATION, SIMULATOR, ArraySpec, Episode, Outcome, Role, Schema, Source
+from juicer.errors import ArtifactError, InvalidEpisode, NothingLeft, StateMissing
 from juicer.storage import episodes as module
 from juicer.storage.episodes import EpisodeReader, write_episodes
 
@@ -22,18 +24,19 @@ EpisodeFactory = Callable[..., Episode]
 
 def assert_equal(first: Episode, second: Episode) -> None:
     assert first.record == second.record
-    for key, dtype in STEP_DTYPES.items():
-        assert second.steps[key].dtype == dtype
+    assert second.schema == first.schema.sized(first.steps)
+    for key in first.schema.names():
+        assert second.steps[key].dtype == first.steps[key].dtype
         np.testing.assert_array_equal(first.steps[key], second.steps[key])
-    for key in FINAL_KEYS:
+    for key in first.schema.ends:
         np.testing.assert_array_equal(first.final[key], second.final[key])
 
 
-@pytest.mark.parametrize("chunk_steps", [1, 7, 2048])
+@pytest.mark.parametrize("chunk_bytes", [1, 700, 2**22])
 def test_episodes_read_back_exactly_whatever_the_chunks(
-    tmp_path: Path, episode_factory: EpisodeFactory, monkeypatch: pytest.MonkeyPatch, chunk_steps: int
+    tmp_path: Path, episode_factory: EpisodeFactory, monkeypatch: pytest.MonkeyPatch, chunk_bytes: int
 ) -> None:
-    monkeypatch.setattr(module, "CHUNK_STEPS", chunk_steps)
+    monkeypatch.setattr(module, "CHUNK_BYTES", chunk_bytes)
     written = [episode_factory(length, seed=length) for length in (1, 12, 7, 30)]
     assert write_episodes(tmp_path, iter(written), {}) == 4
     reader = EpisodeReader(tmp_path)
@@ -55,9 +58,13 @@ def test_records_keep_every_fact(tmp_path: Path, episode_factory: EpisodeFactory
         "parts_assembled": 2,
         "milestones": {"leg_lifted": 3, "inserted": 9},
         "policy": "0123456789abcdef",
-        "parent": "0123456789abcdef/7",
+        "parent": "0123456789abcdef",
         "critical_state": 1,
         "device": "keyboard",
+        "operator": "Ada",
+        "recorded_at": "2026-11-26T14:03:00+01:00",
+        "log": "demo_7.npz",
+        "episode_id": "fedcba9876543210",
     }
     plain, full = episode_factory(3), episode_factory(3, **{**facts, "seed": 5})
     full = Episode(type(full.record)(**facts), full.steps, full.final)
@@ -69,7 +76,7 @@ def test_whole_arrays_are_time_major(tmp_path: Path, episode_factory: EpisodeFac
     written = [episode_factory(length, seed=length) for length in (4, 9)]
     write_episodes(tmp_path, written, {})
     reader = EpisodeReader(tmp_path)
-    for key in STEP_DTYPES:
+    for key in SIMULATOR.names():
         np.testing.assert_array_equal(reader.steps(key), np.concatenate([episode.steps[key] for episode in written]))
 
 
@@ -106,6 +113,60 @@ def test_no_episode_at_all_is_a_finding(tmp_path: Path) -> None:
 def test_episodes_of_different_shape_are_refused(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
     with pytest.raises(InvalidEpisode, match=r"'part_poses' has shape \(14,\) a step but \(7,\)"):
         write_episodes(tmp_path, [episode_factory(num_parts=1), episode_factory(num_parts=2)], {})
+
+
+def test_episodes_of_other_arrays_are_refused(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
+    plain = episode_factory(4)
+    more = {"recorded_step": np.arange(4, dtype=np.int32), "continuous": np.ones(4, bool)}
+    record = replace(plain.record, episode_id="")
+    other = replace(plain, record=replace(record, seed=9), steps={**plain.steps, **more}, schema=DEMONSTRATION)
+    with pytest.raises(InvalidEpisode, match=r"has the arrays .*'continuous'.* but the episodes before have"):
+        write_episodes(tmp_path, [plain, other], {})
+
+
+def test_an_episode_is_stored_once_and_found_by_its_id(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
+    first, second = (episode_factory(4, seed=seed) for seed in (1, 2))
+    with pytest.raises(InvalidEpisode, match=f"episode {first.record.episode_id} is there twice"):
+        write_episodes(tmp_path / "twice", [first, second, first], {})
+    write_episodes(tmp_path, [first, second], {})
+    reader = EpisodeReader(tmp_path)
+    assert reader.ids == {first.record.episode_id: 0, second.record.episode_id: 1}
+    assert reader.find(second.record.episode_id) == 1
+    with pytest.raises(ArtifactError, match="holds no episode 0123456789abcdef"):
+        reader.find("0123456789abcdef")
+
+
+def test_images_and_flags_are_stored_as_they_are_in_chunks_of_their_own(
+    tmp_path: Path, episode_factory: EpisodeFactory
+) -> None:
+    plain = episode_factory(600)
+    front = ArraySpec("front", (96, 96, 3), "uint8", Role.OBSERVATION)
+    images = np.random.default_rng(0).integers(0, 255, (601, 96, 96, 3), np.uint8)
+    episode = replace(
+        plain,
+        steps={**plain.steps, "front": images[:-1]},
+        final={**plain.final, "front": images[-1]},
+        schema=SIMULATOR.extended(front),
+    )
+    write_episodes(tmp_path, [episode], {})
+    reader = EpisodeReader(tmp_path)
+    assert_equal(episode, reader.read(0))
+    chunks = {name: zarr.open_array(tmp_path / "episodes.zarr" / "data" / name).chunks[0] for name in episode.steps}
+    assert chunks["front"] == 2**22 // (96 * 96 * 3)
+    assert chunks["reward"] == chunks["sim_state"] == 2048
+
+
+def test_data_without_simulator_states_say_so(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
+    plain = episode_factory(4)
+    schema = Schema(tuple(spec for spec in SIMULATOR if spec.role is not Role.STATE))
+    arrays = {name: plain.steps[name] for name in schema.names()}
+    write_episodes(tmp_path, [Episode(plain.record, arrays, {n: plain.final[n] for n in schema.ends}, schema)], {})
+    reader = EpisodeReader(tmp_path)
+    assert "sim_state" not in reader.read(0).steps
+    with pytest.raises(StateMissing, match="only what was recorded in juicer's own simulator can be replayed"):
+        reader.require_state()
+    with pytest.raises(ArtifactError, match="have no array 'sim_state'; valid: action, "):
+        reader.steps("sim_state")
 
 
 def test_reading_past_the_end_is_an_error(tmp_path: Path, episode_factory: EpisodeFactory) -> None:

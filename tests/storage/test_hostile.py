@@ -109,6 +109,7 @@ def test_a_table_of_other_episodes_is_refused(
         ("outcome", "\x1b[2J", "is not a valid Outcome"),
         ("source", "", "is not a valid Source"),
         ("task", None, "'task'"),
+        ("episode_id", "0123456789abcdef", "two of its episodes have one id"),
     ],
 )
 def test_a_table_with_values_that_mean_nothing_is_refused(
@@ -126,13 +127,13 @@ def test_tables_of_results_with_values_that_mean_nothing_are_refused(tmp_path: P
     write_evaluation(tmp_path, [EvaluationRow(0, 1, "won", 1, 6)])  # type: ignore[arg-type]
     with pytest.raises(ArtifactError, match="'won' is not a valid Outcome"):
         read_evaluation(tmp_path)
-    write_selection(tmp_path, [SelectionRow(0, None, "success")])  # type: ignore[arg-type]
+    write_selection(tmp_path, [SelectionRow("a0", None, "success")])  # type: ignore[arg-type]
     with pytest.raises(ArtifactError, match="lacks values in its column 'keep'"):
         read_selection(tmp_path)
 
 
 def test_a_table_of_absurdly_many_rows_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_selection(tmp_path, [SelectionRow(index, True, "success") for index in range(11)])
+    write_selection(tmp_path, [SelectionRow(str(index), True, "success") for index in range(11)])
     monkeypatch.setattr("juicer.storage.tables.MOST_ROWS", 10)
     with pytest.raises(ArtifactError, match="has 11 rows; juicer reads 10"):
         read_selection(tmp_path)

@@ -1,15 +1,17 @@
-"""A step of a recording is found in its episode, and the other way round."""
+"""What became of each recording."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 from juicer.errors import ArtifactError
 from juicer.storage.recordings import Recording, read_recordings, write_recordings
 
-KEPT = Recording("a.npz", episode=0, num_steps=10, kept=(2, 3, 4, 7, 8))
+KEPT = Recording("a.npz", episode=0, episode_id="0123456789abcdef", num_steps=10, kept=(2, 3, 4, 7, 8))
 REJECTED = Recording("b.npz", reason="the operator marked it as failed")
 
 
@@ -25,15 +27,11 @@ def test_stretches_of_dropped_steps_are_told_by_their_ends():
     assert (REJECTED.dropped, REJECTED.num_dropped) == ((), 0)
 
 
-@pytest.mark.parametrize(("log_step", "step"), [(0, 0), (2, 0), (4, 2), (5, 2), (6, 2), (7, 3), (9, 4)])
-def test_a_dropped_step_counts_as_the_one_before(log_step: int, step: int):
-    assert KEPT.episode_step(log_step) == step
-
-
-def test_a_step_that_is_not_there_is_refused():
-    for recording, step in ((KEPT, 10), (KEPT, -1), (REJECTED, 0)):
-        with pytest.raises(ValueError, match=f"'{recording.log}' has no step {step}"):
-            recording.episode_step(step)
+def test_the_table_of_an_earlier_juicer_is_read_too(tmp_path: Path):
+    write_recordings(tmp_path, [KEPT, REJECTED])
+    path = tmp_path / "recordings.parquet"
+    pq.write_table(pq.read_table(path).drop_columns(["episode_id"]), path)
+    assert read_recordings(tmp_path) == [replace(KEPT, episode_id=None), REJECTED]
 
 
 def test_a_folder_without_the_table_is_named(tmp_path: Path):

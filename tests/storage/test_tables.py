@@ -22,13 +22,13 @@ from juicer.storage.tables import (
 
 
 def test_annotations_read_back(tmp_path: Path) -> None:
-    rows = [Annotation(0, 417, 0, "proposed", 0.93), Annotation(1, 398, 0, "human", 1.0)]
+    rows = [Annotation("a0", 417, 0, "proposed", 0.93), Annotation("b1", 398, 0, "human", 1.0)]
     write_annotations(tmp_path, rows)
     assert read_annotations(tmp_path) == rows
 
 
 def test_selections_read_back(tmp_path: Path) -> None:
-    rows = [SelectionRow(0, True, "success"), SelectionRow(1, False, "timeout: leg never lifted")]
+    rows = [SelectionRow("a0", True, "success"), SelectionRow("b1", False, "timeout: leg never lifted")]
     write_selection(tmp_path, iter(rows))
     assert read_selection(tmp_path) == rows
 
@@ -54,7 +54,7 @@ def test_a_missing_table_is_named(tmp_path: Path) -> None:
 
 
 def test_a_truncated_table_is_named(tmp_path: Path) -> None:
-    write_annotations(tmp_path, [Annotation(0, 1, 0, "human", 1.0)])
+    write_annotations(tmp_path, [Annotation("a0", 1, 0, "human", 1.0)])
     path = tmp_path / "annotations.parquet"
     path.write_bytes(path.read_bytes()[:-9])
     with pytest.raises(ArtifactError, match="is not a Parquet table"):
@@ -62,7 +62,7 @@ def test_a_truncated_table_is_named(tmp_path: Path) -> None:
 
 
 def test_a_table_with_other_columns_is_refused(tmp_path: Path) -> None:
-    write_selection(tmp_path, [SelectionRow(0, True, "success")])
+    write_selection(tmp_path, [SelectionRow("a0", True, "success")])
     (tmp_path / "selection.parquet").rename(tmp_path / "annotations.parquet")
     with pytest.raises(ArtifactError, match="has the columns"):
         read_annotations(tmp_path)
