@@ -52,6 +52,7 @@ def ids(store: ArtifactStore) -> dict[str, str]:
     return {kind: store.refs(kind)[0].id for kind in KINDS}
 
 
+@pytest.mark.usefixtures("drawing")
 def test_the_examples_of_the_page_run(
     store: ArtifactStore, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):

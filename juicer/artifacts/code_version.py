@@ -25,14 +25,7 @@ PLUMBING = (
     "juicer.reading",
     "juicer.text",
     "juicer.yaml_reading",
-    "stages.runtime.context",
-    "stages.runtime.execution",
-    "stages.runtime.given_files",
-    "stages.runtime.isolation",
-    "stages.runtime.loaded_code",
-    "stages.runtime.session",
-    "stages.runtime.socket_folder",
-    "stages.runtime.stage",
+    "stages.runtime",
     "stages.tracking",
 )
 """Modules that carry results, or configuration that recipes hold anyway, without shaping them.

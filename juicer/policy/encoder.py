@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import ClassVar
 
 from torch import Tensor, nn
 
+from juicer.episode import SIMULATOR, ArraySpec
+from juicer.errors import ConfigError
 from juicer.policy.condition import Condition, ConditionSizes
 from juicer.policy.config import TASK_KEY, PolicyConfig
 from juicer.policy.members import EncoderConfig
 from juicer.policy.tasks import Tasks
+
+PROPRIOCEPTION = SIMULATOR["proprioception"]
 
 Prepared = Mapping[str, Tensor]
 """What each encoder of a policy has prepared, by the encoder's name."""
@@ -23,12 +27,12 @@ class ObservationEncoder(nn.Module, ABC):
     It is built with its configuration, the tasks of the policy, and T_o.
 
     Attributes:
-        observations: Names of the observations that it is shown.
+        observations: What it sees; a size that depends on the task may be None.
         token_size: Number K and length C of its tokens.
         begins_with_proprioception: Whether what it prepares begins with the normalised proprioception.
     """
 
-    observations: tuple[str, ...]
+    observations: tuple[ArraySpec, ...]
     token_size: tuple[int, int]
     begins_with_proprioception: ClassVar[bool] = False
 
@@ -56,7 +60,11 @@ class Encoders(nn.Module):
 
     Attributes:
         names: What the encoders are called.
+        observations: What all of them see, and proprioception, in whose frame actions are given.
         sizes: Sizes of the condition that they yield.
+
+    Raises:
+        ConfigError: If two of them see the same observation in different shapes.
     """
 
     def __init__(self, config: PolicyConfig, tasks: Tasks) -> None:
@@ -66,6 +74,7 @@ class Encoders(nn.Module):
         self.members = nn.ModuleList(
             build_encoder(each, tasks, config.horizons.obs) for each in config.observation.values()
         )
+        self.observations = _together(encoder for _, encoder in self.items())
         self.embedding = nn.Embedding(len(tasks), config.task_embedding) if len(tasks) > 1 else None
         self.sizes: ConditionSizes = {name: encoder.token_size for name, encoder in self.items()}
         if self.embedding is not None:
@@ -93,3 +102,14 @@ class Encoders(nn.Module):
         if self.embedding is None:
             return condition
         return {**condition, TASK_KEY: self.embedding(prepared[TASK_KEY][:, -1].long())}
+
+
+def _together(encoders: Iterable[ObservationEncoder]) -> tuple[ArraySpec, ...]:
+    found = {PROPRIOCEPTION.name: PROPRIOCEPTION}
+    for spec in (spec for encoder in encoders for spec in encoder.observations):
+        if found.setdefault(spec.name, spec) != spec:
+            raise ConfigError(
+                f"two encoders of a policy see '{spec.name}' in different shapes or types: "
+                f"{found[spec.name].shape} {found[spec.name].dtype} and {spec.shape} {spec.dtype}"
+            )
+    return tuple(found.values())

@@ -31,12 +31,13 @@ class LinearConfig(HeadConfig):
 '''
 NETWORKS = """
 from torch import nn
+from juicer.episode import SIMULATOR
 from juicer.policy.condition import flat, flat_size
 from juicer.policy.encoder import ObservationEncoder
 from juicer.policy.head import ActionHead, squared_error
 
 class GripperEncoder(ObservationEncoder):
-    observations = ("proprioception",)
+    observations = (SIMULATOR["proprioception"],)
 
     def __init__(self, config, tasks, obs_horizon):
         super().__init__()

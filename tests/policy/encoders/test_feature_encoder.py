@@ -36,7 +36,7 @@ def test_a_state_unlike_any_demonstrated_stays_bounded(spec, observe):
 
 def test_only_pairs_count_among_many_parts(spec, observe):
     encoder, observations = FeatureEncoder(FeaturesConfig(), {"toy": spec}, 1), tensors(observe(10))
-    assert encoder.observations == ("proprioception", "part_poses")
+    assert [seen.name for seen in encoder.observations] == ["proprioception", "part_poses"]
     more = spec.model_copy(update={"num_parts": 3})
     with_bystander = {**observations, "part_poses": torch.cat([observations["part_poses"], torch.ones(10, 7)], dim=1)}
     other = FeatureEncoder(FeaturesConfig(), {"toy": more}, 1)

@@ -9,12 +9,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from juicer.policy.config import TASK_KEY
+from juicer.episode import PROPRIOCEPTION_SIZE, SIMULATOR
+from juicer.policy.config import TASK_KEY, FeatureSpec
 from juicer.policy.encoder import ObservationEncoder
 from juicer.policy.encoders.features.config import FeaturesConfig
 from juicer.policy.encoders.features.features import state_features
 from juicer.policy.normalizer import Normalizer
-from juicer.policy.tasks import Tasks, observation_sizes
+from juicer.policy.tasks import Tasks, size_of_part_poses
 
 
 class FeatureEncoder(ObservationEncoder):
@@ -23,16 +24,14 @@ class FeatureEncoder(ObservationEncoder):
     Tasks differ in their number of parts and features: rows are as long as the longest need, zero behind the others.
     """
 
+    observations = (SIMULATOR["proprioception"], SIMULATOR["part_poses"])
     begins_with_proprioception: ClassVar[bool] = True
 
     def __init__(self, config: FeaturesConfig, tasks: Tasks, obs_horizon: int) -> None:
         super().__init__()
         self.specs = tuple(tasks.values())
         self.config = config
-        sizes = observation_sizes(tasks)
-        self.observations = tuple(sizes)
-        blank = {name: torch.zeros(1, size) for name, size in sizes.items()}
-        lengths = [state_features(blank, spec, config).shape[-1] for spec in self.specs]
+        lengths = [_num_features(spec, config) for spec in self.specs]
         self.token_size = (obs_horizon, max(lengths))
         shared = config.normalisation == "together"
         self.normalizers = nn.ModuleList(Normalizer((size,)) for size in ([max(lengths)] if shared else lengths))
@@ -73,5 +72,11 @@ class FeatureEncoder(ObservationEncoder):
             normalizer = self.normalizers[index % len(self.normalizers)]
             assert isinstance(normalizer, Normalizer)
             rows = ... if len(self.specs) == 1 else observations[TASK_KEY][..., 0] == index
-            own = {name: observations[name][rows] for name in self.observations}
+            own = {seen.name: observations[seen.name][rows] for seen in self.observations}
             yield normalizer, state_features(own, spec, self.config), rows
+
+
+def _num_features(spec: FeatureSpec, config: FeaturesConfig) -> int:
+    sizes = {"proprioception": PROPRIOCEPTION_SIZE, "part_poses": size_of_part_poses(spec)}
+    blank = {name: torch.zeros(1, size) for name, size in sizes.items()}
+    return state_features(blank, spec, config).shape[-1]
