@@ -12,10 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from juicer.errors import ArtifactError, ArtifactNotFound, ConfigError, did_you_mean
+from juicer.errors import ArtifactError, ArtifactNotFound, ConfigError, WrongArtifactKind, did_you_mean
 from juicer.text import printable
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from juicer.artifacts.store import ArtifactStore
     from juicer.episode import ArraySpec, Episode
     from juicer.rollout import Policy, Reaction
@@ -59,6 +61,14 @@ class Evaluation:
     def outcomes(self) -> dict[str, int]:
         """Episodes by how they ended."""
         return dict(Counter(row.outcome.value for row in self.rows))
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row an episode."""
+        from juicer.storage.frames import frame_of
+        from juicer.storage.tables import EvaluationRow
+
+        return frame_of(self.rows, EvaluationRow)
 
     def __str__(self) -> str:
         """The rate in a sentence, with all that belongs to it."""
@@ -109,6 +119,42 @@ def load_evaluation(store: ArtifactStore, id: str) -> Evaluation:
     if not rows or not {"task", "randomness"} <= set(config):
         raise ArtifactError(f"{ref} does not say which task was evaluated; it is of another version of juicer")
     return Evaluation(str(config["task"]), str(config["randomness"]), rows)
+
+
+def load_table(store: ArtifactStore, id: str) -> pd.DataFrame:
+    """Annotations, a selection, an evaluation, or the facts about episodes as a table, see :func:`load_episodes`.
+
+    Raises:
+        WrongArtifactKind: If the artifact holds no table.
+        ArtifactError: If there is no such artifact, or it is damaged.
+    """
+    from juicer.episode import EpisodeRecord
+    from juicer.storage import tables
+    from juicer.storage.frames import frame_of
+
+    ref = store.resolve(id)
+    if ref.kind == "episodes":
+        reader = load_episodes(store, ref.id)
+        return frame_of(reader.records, EpisodeRecord, length=reader.lengths.tolist())
+    if ref.kind == "annotations":
+        return frame_of(tables.read_annotations(store.open(ref)), tables.Annotation)
+    if ref.kind == "selection":
+        return frame_of(tables.read_selection(store.open(ref)), tables.SelectionRow)
+    if ref.kind == "evaluation":
+        return frame_of(tables.read_evaluation(store.open(ref)), tables.EvaluationRow)
+    raise WrongArtifactKind(f"{ref} holds no table; episodes, annotations, selections and evaluations do")
+
+
+def load_recordings(store: ArtifactStore, id: str) -> pd.DataFrame:
+    """What became of each operator log behind demonstrations, a row a log, see :func:`load_episodes`.
+
+    Raises:
+        ArtifactError: If there is no such artifact, it is damaged, or was not made of logs.
+    """
+    from juicer.storage.frames import frame_of
+    from juicer.storage.recordings import Recording, read_recordings
+
+    return frame_of(read_recordings(store.open(store.resolve(id, "episodes"))), Recording)
 
 
 def load_policy(store: ArtifactStore, id: str, task: str, device: str = "cpu") -> Policy:
@@ -171,9 +217,9 @@ def rollout(
     """Let a policy act from initial states of one's choice; see :func:`juicer.rollout.rollout`.
 
     Args:
-        policy: What acts. Its ``observations``, made by :func:`state` and :func:`image`, say what it is shown: the whole
-            state if it has none. A plain function is shown one observation at a time, ``(D,)`` an array, and gives one
-            action ``(10,)``; it may depend on nothing but its argument, as the episodes take turns.
+        policy: What acts. Its ``observations``, made by :func:`state` and :func:`image`, say what it is shown: the
+            whole state if it has none. A plain function is shown one observation at a time, ``(D,)`` an array, and
+            gives one action ``(10,)``; it may depend on nothing but its argument, as the episodes take turns.
         task: Assembly task.
         seeds: Initial-state seeds.
         randomness: Level of the initial states.

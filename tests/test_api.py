@@ -16,12 +16,21 @@ from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Episode
-from juicer.errors import ArtifactNotFound, ConfigError, InvalidAction, InvalidCheckpoint, PolicyFailed
+from juicer.errors import (
+    ArtifactError,
+    ArtifactNotFound,
+    ConfigError,
+    InvalidAction,
+    InvalidCheckpoint,
+    PolicyFailed,
+    WrongArtifactKind,
+)
 from juicer.evaluation import wilson_interval
 from juicer.policy.replay import ReplayPolicy
 from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.storage.episodes import write_episodes
-from juicer.storage.tables import EvaluationRow, write_evaluation
+from juicer.storage.frames import frame_of
+from juicer.storage.tables import Annotation, EvaluationRow, write_evaluation
 
 PAGE = Path(__file__).parents[1] / "docs" / "library.md"
 KINDS = ("episodes", "checkpoint", "evaluation")
@@ -68,7 +77,7 @@ def test_the_examples_of_the_page_run(
 def test_importing_it_imports_nothing_heavy():
     script = (
         "import sys\nfrom juicer import api\n"
-        "print(sorted({'numpy', 'torch', 'mujoco', 'zarr', 'gymnasium', 'pyarrow'} & set(sys.modules)))"
+        "print(sorted({'numpy', 'pandas', 'torch', 'mujoco', 'zarr', 'gymnasium', 'pyarrow'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
@@ -88,6 +97,22 @@ def test_what_is_in_a_store_is_found_by_the_beginning_of_its_id(store: ArtifactS
     assert evaluation.interval == wilson_interval(2, 2)
     (run,) = api.rollout(api.load_policy(store, known["checkpoint"], "one_leg"), "one_leg", [0], max_steps=3)
     np.testing.assert_array_equal(run.steps["action"], insertions[0].steps["action"][:3])
+
+
+def test_tables_are_data_frames(store: ArtifactStore, insertions: list[Episode]):
+    known = ids(store)
+    evaluation = api.load_evaluation(store, known["evaluation"])
+    episodes = api.load_table(store, known["episodes"])
+    assert episodes["episode_id"].tolist() == [episode.record.episode_id for episode in insertions]
+    assert episodes["length"].tolist() == [len(episode) for episode in insertions]
+    assert episodes["policy"].isna().all()
+    assert evaluation.table.equals(api.load_table(store, known["evaluation"]))
+    assert evaluation.table.groupby("outcome")["seed"].count().to_dict() == {"success": 2}
+    assert list(frame_of([], Annotation).columns) == ["episode_id", "step", "critical_state", "author", "confidence"]
+    with pytest.raises(WrongArtifactKind, match="holds no table"):
+        api.load_table(store, known["checkpoint"])
+    with pytest.raises(ArtifactError, match=r"recordings\.parquet"):
+        api.load_recordings(store, known["episodes"])
 
 
 def test_what_is_not_there_is_told(store: ArtifactStore, tmp_path: Path):

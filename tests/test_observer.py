@@ -102,9 +102,7 @@ def test_the_past_in_front_of_the_first_step_is_the_first_step(env: AssemblyEnv)
     ],
 )
 def test_what_cannot_be_seen_is_refused_before_the_first_episode(spec: ArraySpec):
-    with pytest.raises(
-        PolicyFailed, match=r"the policy asks to see .* there are proprioception, part_poses, fr"
-    ):
+    with pytest.raises(PolicyFailed, match=r"the policy asks to see .* there are proprioception, part_poses, fr"):
         Observer([spec])
 
 

@@ -145,15 +145,27 @@ def _attempts(
         return attempt_snippet(env, _draw_reference(by_state, counts, rng), config, rng)
 
     limit = config.num_snippets * config.max_attempts_per_snippet
+    found: set[str] = set()
     with EnvironmentPool(references[0].task, num_workers, max_steps=_NO_STEP_LIMIT) as pool:
         for start in range(0, limit, BLOCK_SIZE):
             kept: Counter[int] = Counter()
             for attempt in pool.map(work, range(start, min(start + BLOCK_SIZE, limit))):
+                if isinstance(attempt, Snippet):
+                    attempt = _unless_repeated(attempt, found)
                 kept[attempt.critical_state] += isinstance(attempt, Snippet)
                 yield attempt
             # Only now: attempts of a block must not see each other's results.
             for state, count in kept.items():
                 counts[state] += count
+
+
+def _unless_repeated(snippet: Snippet, found: set[str]) -> Snippet | FailedAttempt:
+    """Ranges of a single point give the same snippet again and again, which counts once."""
+    record = snippet.episode.record
+    if record.episode_id in found:
+        return FailedAttempt(str(record.parent), snippet.critical_state, snippet.departure, RejectionReason.REPEATED)
+    found.add(record.episode_id)
+    return snippet
 
 
 def _draw_reference(

@@ -99,7 +99,8 @@ def test_critical_states_are_balanced_even_if_one_is_rejected_more_often(
     def judge(env: object, reference: Any, config: object, rng: np.random.Generator) -> Snippet | FailedAttempt:
         if reference.critical_state == 1 and rng.random() < 0.7:
             return FailedAttempt(reference.parent, 1, "far", RejectionReason.DROPPED)
-        return Snippet(insertions[0], reference.critical_state, "far", 0.0, 0.0, 0.0)
+        record = replace(insertions[0].record, episode_id=str(rng.random()))
+        return Snippet(replace(insertions[0], record=record), reference.critical_state, "far", 0.0, 0.0, 0.0)
 
     monkeypatch.setattr(module, "attempt_snippet", judge)
     annotations = [critical(insertions[0]), critical(insertions[1]), critical(insertions[0], 1)]
@@ -107,6 +108,16 @@ def test_critical_states_are_balanced_even_if_one_is_rejected_more_often(
     share = sum(snippet.critical_state == 1 for snippet in kept) / len(kept)
     # One of three annotations, succeeding three times in ten: without the balance the share would be 0.13.
     assert 0.3 < share < 0.45
+
+
+def test_the_same_snippet_counts_once(insertions: list[Episode], monkeypatch: pytest.MonkeyPatch):
+    def judge(env: object, reference: Any, config: object, rng: object) -> Snippet:
+        return Snippet(insertions[0], reference.critical_state, "far", 0.0, 0.0, 0.0)
+
+    monkeypatch.setattr(module, "attempt_snippet", judge)
+    first, *others = run(insertions, config=AugmentationConfig(num_snippets=2, max_attempts_per_snippet=2))
+    assert isinstance(first, Snippet)
+    assert [isinstance(each, FailedAttempt) and each.reason for each in others] == [RejectionReason.REPEATED] * 3
 
 
 def test_uncertain_proposals_and_failures_are_not_used(insertions: list[Episode]):
