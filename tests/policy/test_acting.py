@@ -115,3 +115,14 @@ def test_initial_weights_depend_on_the_seed_alone(spec):
     assert torch.equal(drawn, torch.rand(1)), "building a policy moved the caller's random state"
     second = build_policy(config, {"toy": spec}, seed=1)
     assert all(torch.equal(a, b) for a, b in zip(first.parameters(), second.parameters(), strict=True))
+
+
+def test_it_declares_what_its_encoders_see_and_is_shown_that_in_its_own_type(spec, observe):
+    policy = policy_of(spec, observe, HEADS["mlp-denoiser"])
+    assert [(seen.name, seen.shape, seen.dtype) for seen in policy.observations] == [
+        ("proprioception", (16,), "float32"),
+        ("part_poses", (None,), "float32"),
+    ]
+    words = {**observe(1), "part_poses": np.full((1, 14), "0.1")}
+    with pytest.raises(InvalidObservation, match="'part_poses' must be of type float32, got <U3"):
+        policy.predict(words, streams([0]))
