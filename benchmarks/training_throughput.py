@@ -25,8 +25,8 @@ from juicer.policy.torch_settings import compute_settings
 from juicer.tasks.specification import MOUNTED_COSINE, MOUNTED_M
 from juicer.training.config import TrainingConfig
 from juicer.training.learner import Learner
-from juicer.training.table import BatchOrder
-from juicer.training.trainer import build_tables, cut_sides
+from juicer.training.source import BatchOrder
+from juicer.training.trainer import cut_sides, window_sources
 from juicer.training.windows import TrainingEpisodes
 
 PRESETS = Path(__file__).parent.parent / "configs" / "presets"
@@ -74,14 +74,14 @@ def measure_training(episodes: TrainingEpisodes, preset: PolicyPreset, steps: in
     device, config = torch.device("cpu"), preset.training
     network = build_policy(preset.policy, {"toy": SPEC}, seed=0)
     sides = cut_sides(episodes, preset.policy.horizons, config, seed=0)
-    tables = build_tables(episodes, sides, network, config, seed=0, device=device)
+    windows = window_sources(episodes, sides, network, config, seed=0, device=device)
     learner = Learner(network, config, seed=0, device=device)
-    order = BatchOrder(len(tables.learned), config.batch_size, seed=0)
+    order = BatchOrder(len(windows.learned), config.batch_size, seed=0)
     sampling, whole = [], []
     for step in range(steps + 3):
         start = time.process_time()
         learner.seed_step(step)
-        batch = tables.learned.batch(order.rows(step), config.state_noise)
+        batch = windows.learned.gather(order.rows(step), config.state_noise)
         sampled = time.process_time()
         learner.learn(batch, step)
         sampling.append(sampled - start)

@@ -14,7 +14,8 @@ from flows.conditions import METHODS, Condition
 from juicer.annotation.propose import AnnotationConfig
 from juicer.config import ConfigT, StrictConfig
 from juicer.demonstration.ingestion import IngestionConfig, IngestionSection
-from juicer.policy.config import HorizonConfig, MLPConfig, PolicyConfig
+from juicer.policy.config import HorizonConfig, PolicyConfig
+from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import Randomness
@@ -36,13 +37,13 @@ LONGEST_PATH, LONGEST_NAME = 4000, 255
 class ChunkedConfig(TrainConfig):
     """Training of the regression baseline that predicts chunks."""
 
-    policy: PolicyConfig = PolicyConfig(head=MLPConfig())
+    policy: PolicyConfig = PolicyConfig(head=MLPHeadConfig())
 
 
 class UnchunkedConfig(TrainConfig):
     """Training of the regression baseline that predicts one action at a time."""
 
-    policy: PolicyConfig = PolicyConfig(head=MLPConfig(), horizons=HorizonConfig(pred=1, action=1))
+    policy: PolicyConfig = PolicyConfig(head=MLPHeadConfig(), horizons=HorizonConfig(pred=1, action=1))
     training: TrainingConfig = TrainingConfig(windows=WindowConfig(back_padding=0))
 
 

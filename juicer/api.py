@@ -12,13 +12,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from juicer.errors import ArtifactError, ArtifactNotFound, WrongArtifactKind
+from juicer.errors import ArtifactError, ArtifactNotFound, ConfigError, WrongArtifactKind, did_you_mean
+from juicer.text import printable
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from juicer.artifacts.store import ArtifactStore
-    from juicer.episode import Episode
+    from juicer.episode import ArraySpec, Episode
     from juicer.rollout import Policy, Reaction
     from juicer.sim.env import AssemblyEnv
     from juicer.storage.episodes import EpisodeReader
@@ -184,6 +185,31 @@ def make(task: str = "one_leg", **settings: Any) -> AssemblyEnv:
     return AssemblyEnv(task, **settings)
 
 
+def state(name: str) -> ArraySpec:
+    """What a policy of one's own names in ``observations`` to see ``proprioception`` or ``part_poses``.
+
+    Raises:
+        ConfigError: If there is no such observation.
+    """
+    from juicer.observer import STATE_OBSERVATIONS
+
+    known = {spec.name: spec for spec in STATE_OBSERVATIONS}
+    if name not in known:
+        raise ConfigError(f"unknown observation '{printable(name)}'{did_you_mean(str(name), known)}")
+    return known[name]
+
+
+def image(camera: str, width: int, height: int) -> ArraySpec:
+    """The same to see the image ``(height, width, 3)`` of a camera, ``front`` or ``wrist``.
+
+    Raises:
+        ConfigError: If there is no such camera, or no such size.
+    """
+    from juicer.observer import image
+
+    return image(camera, width, height)
+
+
 def rollout(
     policy: Policy | Reaction,
     task: str,
@@ -197,8 +223,9 @@ def rollout(
     """Let a policy act from initial states of one's choice; see :func:`juicer.rollout.rollout`.
 
     Args:
-        policy: What acts. A plain function is shown one observation at a time, ``(D,)`` an array, and gives one action
-            ``(10,)``; it may depend on nothing but its argument, as the episodes take turns.
+        policy: What acts. Its ``observations``, made by :func:`state` and :func:`image`, say what it is shown: the
+            whole state if it has none. A plain function is shown one observation at a time, ``(D,)`` an array, and
+            gives one action ``(10,)``; it may depend on nothing but its argument, as the episodes take turns.
         task: Assembly task.
         seeds: Initial-state seeds.
         randomness: Level of the initial states.

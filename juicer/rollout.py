@@ -13,8 +13,9 @@ from typing import Any, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from juicer.episode import ACTION_SIZE, SIMULATOR, Episode, EpisodeRecord, Outcome, Role, Source
+from juicer.episode import ACTION_SIZE, ArraySpec, Episode, EpisodeRecord, Outcome, Source
 from juicer.errors import ConfigError, InvalidAction, JuicerError, PolicyFailed
+from juicer.observer import STATE_OBSERVATIONS, History, Observer
 from juicer.progress import Progress, silent_progress
 from juicer.seeding import stream
 from juicer.sim.arguments import checked_seed, is_whole, shown
@@ -25,7 +26,12 @@ from juicer.text import printable
 
 
 class Policy(Protocol):
-    """Anything that turns observations into action chunks."""
+    """Anything that turns observations into action chunks.
+
+    It may say what it sees in an attribute ``observations``, a sequence of :class:`juicer.episode.ArraySpec`: it is
+    shown these and nothing else. Without one it is shown proprioception and part poses,
+    :data:`juicer.observer.STATE_OBSERVATIONS`.
+    """
 
     @property
     def obs_horizon(self) -> int:
@@ -38,7 +44,7 @@ class Policy(Protocol):
         ...
 
     def predict(
-        self, observations: Mapping[str, NDArray[np.float32]], streams: Sequence[np.random.Generator]
+        self, observations: Mapping[str, NDArray[Any]], streams: Sequence[np.random.Generator]
     ) -> NDArray[np.generic]:
         """Action chunks ``(N, at least T_a, 10)``, absolute, for observations ``(N, T_o, ...)``.
 
@@ -128,12 +134,13 @@ def rollout(
     if not is_whole(num_envs) or num_envs < 1:
         raise ConfigError(f"num_envs must be at least 1, got {shown(num_envs)}")
     _check_horizons(policy)
+    observer = Observer(_declared(policy))
     total = len(seeds) if isinstance(seeds, Sequence) else 0
     envs = [AssemblyEnv(task, randomness, max_steps=max_steps) for _ in range(min(num_envs, total or num_envs))]
     pool = ThreadPoolExecutor(num_workers or min(len(envs), os.cpu_count() or 1))
     done = successes = 0
     try:
-        for episode in _in_order(_run(policy, envs, seeds, pool, root_seed, policy_id, stop_after_successes)):
+        for episode in _in_order(_run(policy, observer, envs, seeds, pool, root_seed, policy_id, stop_after_successes)):
             done += 1
             successes += episode.record.outcome is Outcome.SUCCESS
             progress(done, total, successes=successes)
@@ -149,25 +156,30 @@ def rollout(
 class _RunningEpisode:
     """An environment, the episode that runs in it, and the episode's own noise."""
 
-    def __init__(self, env: AssemblyEnv, index: int, seed: int, root_seed: int) -> None:
+    def __init__(
+        self, env: AssemblyEnv, observer: Observer, obs_horizon: int, index: int, seed: int, root_seed: int
+    ) -> None:
         env.reset(seed=seed)
         self.env = env
         self.index = index
         self.seed = seed
         self.recorder = EpisodeRecorder(env)
+        self.history = History(observer, env, obs_horizon)
         self.noise = stream(root_seed, "rollout", seed)
 
     def __str__(self) -> str:
         return f"step {len(self.recorder)} of the episode from initial state {self.seed}"
 
     def execute(self, chunk: NDArray[np.generic]) -> None:
-        for action in chunk:
+        for left, action in zip(reversed(range(len(chunk))), chunk, strict=True):
             try:
                 self.recorder.step(action)
             except InvalidAction as error:
                 raise InvalidAction(f"at {self} the policy is refused: {error}") from None
             if self.recorder.done:
                 return
+            if left < self.history.length:
+                self.history.look()
 
     def finish(self, policy_id: str | None) -> Episode:
         info = self.recorder.info
@@ -186,6 +198,7 @@ class _RunningEpisode:
 
 def _run(
     policy: Policy,
+    observer: Observer,
     envs: Sequence[AssemblyEnv],
     seeds: Iterable[int],
     pool: ThreadPoolExecutor,
@@ -197,7 +210,7 @@ def _run(
 
     def begin(start: tuple[AssemblyEnv, tuple[int, int]]) -> _RunningEpisode:
         env, (index, seed) = start
-        return _RunningEpisode(env, index, seed, root_seed)
+        return _RunningEpisode(env, observer, policy.obs_horizon, index, seed, root_seed)
 
     waiting = enumerate(map(_initial_state, seeds))
     successes = 0
@@ -208,7 +221,7 @@ def _run(
         running += pool.map(begin, starts)
         if not running:
             return
-        list(pool.map(_RunningEpisode.execute, running, _predict(policy, running)))
+        list(pool.map(_RunningEpisode.execute, running, _predict(policy, observer.names, running)))
         ended = [episode for episode in running if episode.recorder.done]
         successes += sum(episode.recorder.info["outcome"] is Outcome.SUCCESS for episode in ended)
         yield from ((episode.index, episode.finish(policy_id)) for episode in ended)
@@ -232,12 +245,17 @@ def _check_horizons(policy: Policy) -> None:
             raise PolicyFailed(f"a policy's {name} must be a whole number of at least 1, got {shown(horizon)}")
 
 
-def _predict(policy: Policy, running: Sequence[_RunningEpisode]) -> NDArray[np.generic]:
+def _declared(policy: Policy) -> Sequence[ArraySpec]:
+    """What a policy says that it sees."""
+    specs = getattr(policy, "observations", STATE_OBSERVATIONS)
+    if not isinstance(specs, Sequence) or not specs or not all(isinstance(spec, ArraySpec) for spec in specs):
+        raise PolicyFailed(f"a policy's observations must be a list of ArraySpec, got {shown(specs)}")
+    return specs
+
+
+def _predict(policy: Policy, names: Sequence[str], running: Sequence[_RunningEpisode]) -> NDArray[np.generic]:
     """One chunk of ``action_horizon`` actions for every running episode: ``(N, T_a, 10)``."""
-    observations = {
-        name: np.stack([episode.recorder.recent(name, policy.obs_horizon) for episode in running])
-        for name in SIMULATOR.names(Role.OBSERVATION)
-    }
+    observations = {name: np.stack([episode.history.array(name) for episode in running]) for name in names}
     try:
         answer = policy.predict(observations, [episode.noise for episode in running])
     except JuicerError:

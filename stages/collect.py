@@ -9,10 +9,10 @@ from pydantic import Field
 
 from juicer.artifacts.ref import ArtifactRef
 from juicer.episode import Episode, Outcome
+from juicer.policy_rollout import RolloutConfig, RolloutSection, roll_out
 from juicer.progress import Progress
-from juicer.seed_ranges import Purpose
+from juicer.seed_ranges import Purpose, claim
 from juicer.storage.episodes import write_episodes
-from stages.rollouts import RolloutConfig, RolloutSection, roll_out
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
 
@@ -32,13 +32,15 @@ class CollectConfig(RolloutConfig, CollectSection):
 def collect(context: StageContext, *, checkpoint: ArtifactRef, config: CollectConfig) -> None:
     """Roll a policy out; every outcome is kept, with the simulator's full state."""
     episodes = roll_out(
-        context,
-        checkpoint,
+        context.store.open(checkpoint, "checkpoint"),
+        checkpoint.id,
         config,
-        Purpose.COLLECTION,
-        config.max_episodes,
-        _towards(config.successes, config.max_episodes, context.progress),
+        claim(Purpose.COLLECTION, config.first, config.max_episodes),
+        num_envs=context.num_envs,
+        num_workers=context.workers,
+        device=context.device,
         stop_after_successes=config.successes,
+        progress=_towards(config.successes, config.max_episodes, context.progress),
     )
     tally = Counter[str]()
     write_episodes(context.draft.path, _counted(episodes, tally), {"source": "rollout", "policy": checkpoint.id})

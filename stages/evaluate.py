@@ -10,11 +10,11 @@ from pydantic import Field
 from juicer.artifacts.ref import ArtifactRef
 from juicer.episode import Episode, Outcome
 from juicer.evaluation import milestone_counts, wilson_interval
-from juicer.seed_ranges import Purpose
+from juicer.policy_rollout import RolloutConfig, RolloutSection, roll_out
+from juicer.seed_ranges import Purpose, claim
 from juicer.storage.episodes import write_episodes
 from juicer.storage.evaluations import EXAMPLES, EvaluationRow, write_evaluation
 from juicer.tasks.registry import get_task
-from stages.rollouts import RolloutConfig, RolloutSection, roll_out
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
 
@@ -35,7 +35,16 @@ class EvaluateConfig(RolloutConfig, EvaluateSection):
 @stage(kind="evaluation", inputs={"checkpoint": "checkpoint"}, libraries=("mujoco", "numpy", "torch", "zarr"))
 def evaluate(context: StageContext, *, checkpoint: ArtifactRef, config: EvaluateConfig) -> None:
     """Measure a policy's success rate, with its interval and the milestones of every episode."""
-    episodes = roll_out(context, checkpoint, config, Purpose.EVALUATION, config.episodes, context.progress)
+    episodes = roll_out(
+        context.store.open(checkpoint, "checkpoint"),
+        checkpoint.id,
+        config,
+        claim(Purpose.EVALUATION, config.first, config.episodes),
+        num_envs=context.num_envs,
+        num_workers=context.workers,
+        device=context.device,
+        progress=context.progress,
+    )
     rows: list[EvaluationRow] = []
     examples = context.draft.path / EXAMPLES
     examples.mkdir()

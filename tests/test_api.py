@@ -66,6 +66,7 @@ def ids(store: ArtifactStore) -> dict[str, str]:
     return {kind: store.refs(kind)[0].id for kind in KINDS}
 
 
+@pytest.mark.usefixtures("drawing")
 def test_the_examples_of_the_page_run(
     store: ArtifactStore, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
@@ -169,3 +170,14 @@ def test_a_policy_that_is_wrong_ends_in_a_sentence():
         api.evaluate(lambda seen: 1 / 0, "one_leg", episodes=1)
     with pytest.raises(PolicyFailed, match="is neither"):
         api.evaluate(None, "one_leg")
+
+
+def test_what_a_policy_of_ones_own_may_see_is_named():
+    assert api.state("part_poses").dtype == "float32"
+    assert api.image("front", width=64, height=48).shape == (48, 64, 3)
+    with pytest.raises(ConfigError, match="unknown observation 'part_pose'; did you mean 'part_poses'"):
+        api.state("part_pose")
+    with pytest.raises(ConfigError, match="unknown camera 'wirst'; did you mean 'wrist'"):
+        api.image("wirst", 64, 48)
+    with pytest.raises(ConfigError, match="width must be a whole number of at least 1, got 0"):
+        api.image("wrist", 0, 48)

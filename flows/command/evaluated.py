@@ -12,7 +12,7 @@ from juicer.artifacts.store import ArtifactStore
 from juicer.config import parse_config
 from juicer.episode import Episode
 from juicer.errors import ArtifactError, ConfigError
-from juicer.rollout import rollout
+from juicer.policy_rollout import roll_out
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.evaluations import EXAMPLES, EvaluationRow, read_evaluation
 from stages.evaluate import EvaluateConfig, evaluate
@@ -66,22 +66,11 @@ def recomputed_episode(
         ArtifactError: If the checkpoint is not there, or damaged.
         ConfigError: If this version does not know the evaluation's configuration.
     """
-    from juicer.policy.checkpoint import load_policy  # torch takes seconds to import
-
     manifest = store.manifest(ref)
     checkpoint = _checkpoint_of(manifest)
     config = parse_config(manifest.recipe.config, EvaluateConfig, origin=f"the configuration of {ref}")
-    policy = load_policy(store.open(checkpoint, "checkpoint"), config.task, config.max_steps, device)
-    (episode,) = rollout(
-        policy,
-        config.task,
-        config.randomness,
-        [row.seed],
-        num_envs=1,
-        max_steps=config.max_steps,
-        policy_id=checkpoint.id,
-        root_seed=config.seed,
-    )
+    folder = store.open(checkpoint, "checkpoint")
+    (episode,) = roll_out(folder, checkpoint.id, config, [row.seed], num_envs=1, device=device)
     differences = tuple(_differences(episode, row))
     causes = tuple(_causes(store, manifest, checkpoint, config)) if differences else ()
     return EvaluatedEpisode(episode, row, False, differences + causes)

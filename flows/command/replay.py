@@ -93,7 +93,8 @@ def _number(store: ArtifactStore, ref: ArtifactRef, name: str) -> int:
 
 
 def _view(camera: str, size: str) -> View:
-    from juicer.imaging.video import CAMERAS, View
+    from juicer.imaging.video import View
+    from juicer.sim.scene import CAMERAS
 
     parts = re.fullmatch(r"([0-9]{1,5})x([0-9]{1,5})", size)
     if parts is None:

@@ -17,12 +17,11 @@ from juicer.episode import Episode
 from juicer.errors import ConfigError, InvalidEpisode, JuicerError
 from juicer.imaging.renderer import MAX_HEIGHT, MAX_WIDTH
 from juicer.sim.env import AssemblyEnv
-from juicer.sim.scene import FRONT_CAMERA, WRIST_CAMERA
+from juicer.sim.scene import CAMERAS
 
 Image = NDArray[np.uint8]
 """``(height, width, 3)``, RGB."""
 
-CAMERAS = (FRONT_CAMERA, WRIST_CAMERA)
 MIN_WIDTH, MIN_HEIGHT = 160, 120
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv")
 """Endings of files that hold H.264."""

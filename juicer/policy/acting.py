@@ -9,10 +9,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from juicer.episode import ACTION_SIZE
+from juicer.episode import ACTION_SIZE, ArraySpec
 from juicer.errors import InvalidCheckpoint, InvalidObservation
 from juicer.policy.network import PolicyNetwork
-from juicer.policy.tasks import as_shown, observation_sizes
+from juicer.policy.tasks import PART_POSES, as_shown, size_of_part_poses
 from juicer.policy.torch_settings import compute_settings, usable_device
 
 ACTION_LIMIT = 1.0
@@ -50,6 +50,11 @@ class TrainedPolicy:
         self._threads = threads
 
     @property
+    def observations(self) -> tuple[ArraySpec, ...]:
+        """What :meth:`predict` wants to see."""
+        return self._network.encoders.observations
+
+    @property
     def obs_horizon(self) -> int:
         """T_o, observations that :meth:`predict` wants to see."""
         return self._network.config.horizons.obs
@@ -65,8 +70,8 @@ class TrainedPolicy:
         """Next actions of N episodes.
 
         Args:
-            observations: ``proprioception`` ``(N, 16)`` and ``part_poses`` ``(N, 7 P)``; with ``T_o`` above one
-                the last ``T_o`` of them, oldest first, ``(N, T_o, D)``.
+            observations: Those of :attr:`observations`, the last ``T_o`` of each, oldest first, ``(N, T_o, *shape)``;
+                with ``T_o`` of one, that axis may be left out.
             streams: One generator an episode, from which the noise of its row is drawn.
 
         Returns:
@@ -74,7 +79,7 @@ class TrainedPolicy:
             but its own observation and stream.
 
         Raises:
-            InvalidObservation: If an array is missing, has another shape, or holds a non-finite value.
+            InvalidObservation: If an array is missing, has another shape or type, or holds a non-finite value.
         """
         rows = self._checked(observations, len(streams))
         horizons = self._network.config.horizons
@@ -90,29 +95,34 @@ class TrainedPolicy:
                 actions[batch] = chunk[: batch.stop - start, first : first + horizons.action].cpu().numpy()
         return actions.clip(-ACTION_LIMIT, ACTION_LIMIT)
 
-    def _tensor(self, rows: NDArray[np.float32]) -> torch.Tensor:
+    def _tensor(self, rows: NDArray[Any]) -> torch.Tensor:
         return torch.from_numpy(_fill_up(rows)).to(self._device)
 
-    def _checked(self, observations: Mapping[str, NDArray[Any]], num_rows: int) -> dict[str, NDArray[np.float32]]:
-        tasks = self._network.tasks
+    def _checked(self, observations: Mapping[str, NDArray[Any]], num_rows: int) -> dict[str, NDArray[Any]]:
         rows = {}
-        for name, size in observation_sizes({self._task: tasks[self._task]}).items():
-            if name not in observations:
-                raise InvalidObservation(f"the policy needs '{name}', got only {sorted(observations)}")
-            values = np.asarray(observations[name], dtype=np.float32)
-            if self.obs_horizon == 1 and values.ndim == 2:
-                values = values[:, None]
-            expected = (num_rows, self.obs_horizon, size)
-            if values.shape != expected:
-                raise InvalidObservation(
-                    f"'{name}' must have shape {expected} (streams, T_o, size), got {np.shape(observations[name])}"
-                )
-            if not np.isfinite(values).all():
-                raise InvalidObservation(f"'{name}' holds NaN or infinite values")
-            rows[name] = values
-        return as_shown(rows, tasks, self._task)
+        for spec in self.observations:
+            if spec.name not in observations:
+                raise InvalidObservation(f"the policy needs '{spec.name}', got only {sorted(observations)}")
+            rows[spec.name] = self._values(spec, np.asarray(observations[spec.name]), num_rows)
+        return as_shown(rows, self._network.tasks, self._task)
+
+    def _values(self, spec: ArraySpec, given: NDArray[Any], num_rows: int) -> NDArray[Any]:
+        shape = spec.shape
+        if spec.name == PART_POSES:
+            shape = (size_of_part_poses(self._network.tasks[self._task]),)
+        values = given[:, None] if self.obs_horizon == 1 and given.ndim == 1 + len(shape) else given
+        expected = (num_rows, self.obs_horizon, *shape)
+        if values.shape != expected:
+            raise InvalidObservation(
+                f"'{spec.name}' must have shape {expected} (streams, T_o, size), got {given.shape}"
+            )
+        if not np.can_cast(values.dtype, spec.dtype, "same_kind"):
+            raise InvalidObservation(f"'{spec.name}' must be of type {spec.dtype}, got {values.dtype}")
+        if not np.isfinite(values).all():
+            raise InvalidObservation(f"'{spec.name}' holds NaN or infinite values")
+        return values.astype(spec.dtype, copy=False)
 
 
-def _fill_up(rows: NDArray[np.float32]) -> NDArray[np.float32]:
+def _fill_up(rows: NDArray[Any]) -> NDArray[Any]:
     """``INFERENCE_ROWS`` rows, the last one repeated."""
     return np.concatenate([rows, np.repeat(rows[-1:], INFERENCE_ROWS - len(rows), axis=0)])

@@ -8,8 +8,11 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from juicer.policy.features import POSITION, ROTATION
 from juicer.policy.rotations import matrix_to_rot6d, rot6d_to_matrix
+
+POSITION = slice(0, 3)
+ROTATION = slice(3, 9)
+"""Where end-effector position (m) and rotation (6D) stand in proprioception, and the target's in an action."""
 
 
 class ActionFrame(ABC):

@@ -25,7 +25,7 @@ from juicer.problems import first_problem, show
 from juicer.reading import read_bounded
 from juicer.text import printable
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 POLICY_FILE = "policy.json"
 WEIGHT_FILES = {"raw": "weights.safetensors", "ema": "ema.safetensors"}
 MOST_METADATA_BYTES = 1_000_000
@@ -144,8 +144,10 @@ def _read_metadata(path: Path) -> CheckpointMetadata:
         raise InvalidCheckpoint(f"'{path}' cannot be read: {printable(error)}") from None
     version = content.get("schema_version") if isinstance(content, dict) else None
     if type(version) is not int or version != SCHEMA_VERSION:
+        older = type(version) is int and 0 < version < SCHEMA_VERSION
+        remedy = "train the policy again" if older else "use the version of juicer that wrote it"
         raise InvalidCheckpoint(
-            f"'{path}' has schema version {show(version)}, this version of juicer reads {SCHEMA_VERSION}"
+            f"'{path}' has schema version {show(version)}, this version of juicer reads {SCHEMA_VERSION}; {remedy}"
         )
     try:
         return CheckpointMetadata.model_validate(content)

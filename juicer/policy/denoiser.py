@@ -8,19 +8,32 @@ from abc import ABC, abstractmethod
 import torch
 from torch import Tensor, nn
 
+from juicer.policy.condition import Condition, ConditionSizes
+from juicer.policy.head import ChunkShape
+from juicer.policy.members import DenoiserConfig
+
 
 class Denoiser(nn.Module, ABC):
-    """Network that looks at a noisy action chunk and predicts its noise or the clean chunk."""
+    """Network that looks at a noisy action chunk and predicts its noise or the clean chunk.
+
+    It is built with its configuration, the shape of a chunk, and the sizes of a condition.
+    """
 
     @abstractmethod
-    def forward(self, noisy: Tensor, step: Tensor, condition: Tensor) -> Tensor:
+    def forward(self, noisy: Tensor, step: Tensor, condition: Condition) -> Tensor:
         """Prediction ``(B, T_p, A)``.
 
         Args:
             noisy: Normalised action chunks with noise, ``(B, T_p, A)``.
             step: Noise level of each, ``(B,)``, from 0 (nearly clean).
-            condition: What the policy observes, ``(B, C)``.
+            condition: What the policy observes.
         """
+
+
+def build_denoiser(config: DenoiserConfig, chunk: ChunkShape, condition: ConditionSizes) -> Denoiser:
+    """The denoiser of a configuration."""
+    denoiser: Denoiser = config.network_class()(config, chunk, condition)
+    return denoiser
 
 
 class StepEmbedding(nn.Module):

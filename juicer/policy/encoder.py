@@ -1,91 +1,115 @@
-"""From an observation to the condition vector of a network."""
+"""What every encoder has in common, and all encoders of a policy as one."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping
+from typing import ClassVar
 
-import torch
 from torch import Tensor, nn
 
-from juicer.policy.config import StateObservationConfig
-from juicer.policy.features import state_features
-from juicer.policy.normalizer import Normalizer
-from juicer.policy.tasks import TASK_KEY, Tasks, observation_sizes
+from juicer.episode import SIMULATOR, ArraySpec
+from juicer.errors import ConfigError
+from juicer.policy.condition import Condition, ConditionSizes
+from juicer.policy.config import TASK_KEY, PolicyConfig
+from juicer.policy.members import EncoderConfig
+from juicer.policy.tasks import Tasks
+
+PROPRIOCEPTION = SIMULATOR["proprioception"]
 
 Prepared = Mapping[str, Tensor]
-"""Named inputs of an encoder, each with one row a step."""
+"""What each encoder of a policy has prepared, by the encoder's name."""
 
 
 class ObservationEncoder(nn.Module, ABC):
     """Encodes observations in two parts, so that what needs no gradient is computed once for a whole dataset.
 
+    It is built with its configuration, the tasks of the policy, and T_o.
+
     Attributes:
-        sizes: Length of every observation array that is needed, by name.
-        condition_size: Length C of the condition vector.
+        observations: What it sees; a size that depends on the task may be None.
+        token_size: Number K and length C of its tokens.
+        begins_with_proprioception: Whether what it prepares begins with the normalised proprioception.
     """
 
-    sizes: Mapping[str, int]
-    condition_size: int
+    observations: tuple[ArraySpec, ...]
+    token_size: tuple[int, int]
+    begins_with_proprioception: ClassVar[bool] = False
 
     @abstractmethod
     def fit(self, observations: Mapping[str, Tensor]) -> None:
-        """Learn limits from the observations ``(..., D)`` of the training windows."""
+        """Learn limits from the observations ``(..., *shape)`` of the training windows."""
 
     @abstractmethod
-    def prepare(self, observations: Mapping[str, Tensor]) -> Prepared:
-        """The fixed part: arrays ``(..., F)`` of observations ``(..., D)``."""
+    def prepare(self, observations: Mapping[str, Tensor]) -> Tensor:
+        """The fixed part: ``(..., *prepared shape)`` of observations ``(..., *shape)``, row by row."""
 
     @abstractmethod
-    def forward(self, prepared: Prepared) -> Tensor:
-        """The learned part: conditions ``(B, C)`` of prepared rows ``(B, T_o, F)``."""
+    def forward(self, prepared: Tensor) -> Tensor:
+        """The learned part: tokens ``(B, K, C)`` of prepared rows ``(B, T_o, ...)``."""
 
 
-class StateEncoder(ObservationEncoder):
-    """State features, normalised task by task; of several tasks, a learned embedding tells which it is.
+def build_encoder(config: EncoderConfig, tasks: Tasks, obs_horizon: int) -> ObservationEncoder:
+    """The encoder of a configuration."""
+    encoder: ObservationEncoder = config.network_class()(config, tasks, obs_horizon)
+    return encoder
 
-    Tasks differ in their number of parts and features: rows are as long as the longest need, zero behind the others.
+
+class Encoders(nn.Module):
+    """All encoders of a policy; of a policy for several tasks, a learned embedding tells the task.
+
+    Attributes:
+        names: What the encoders are called.
+        observations: What all of them see, and proprioception, in whose frame actions are given.
+        sizes: Sizes of the condition that they yield.
+
+    Raises:
+        ConfigError: If two of them see the same observation in different shapes.
     """
 
-    def __init__(self, tasks: Tasks, config: StateObservationConfig, obs_horizon: int, task_embedding: int) -> None:
+    def __init__(self, config: PolicyConfig, tasks: Tasks) -> None:
         super().__init__()
-        self.specs = tuple(tasks.values())
-        self.config = config
-        self.sizes = observation_sizes(tasks)
-        blank = {name: torch.zeros(1, size) for name, size in self.sizes.items()}
-        lengths = [state_features(blank, spec, config).shape[-1] for spec in self.specs]
-        self.num_features = max(lengths)
-        self.normalizers = nn.ModuleList(Normalizer((length,)) for length in lengths)
-        self.embedding = nn.Embedding(len(tasks), task_embedding) if len(tasks) > 1 else None
-        self.condition_size = obs_horizon * self.num_features + (task_embedding if self.embedding else 0)
+        self.names = tuple(config.observation)
+        # A list, since names of a ModuleDict's entries would have to differ from those of its methods.
+        self.members = nn.ModuleList(
+            build_encoder(each, tasks, config.horizons.obs) for each in config.observation.values()
+        )
+        self.observations = _together(encoder for _, encoder in self.items())
+        self.embedding = nn.Embedding(len(tasks), config.task_embedding) if len(tasks) > 1 else None
+        self.sizes: ConditionSizes = {name: encoder.token_size for name, encoder in self.items()}
+        if self.embedding is not None:
+            self.sizes = {**self.sizes, TASK_KEY: (1, config.task_embedding)}
+
+    def items(self) -> Iterator[tuple[str, ObservationEncoder]]:
+        """Every encoder and its name."""
+        for name, encoder in zip(self.names, self.members, strict=True):
+            assert isinstance(encoder, ObservationEncoder)
+            yield name, encoder
 
     def fit(self, observations: Mapping[str, Tensor]) -> None:
-        """Take the limits of every feature."""
-        for normalizer, features, _ in self._features(observations):
-            if len(features):
-                normalizer.fit(features)
+        """See :class:`ObservationEncoder`."""
+        for _, encoder in self.items():
+            encoder.fit(observations)
 
     def prepare(self, observations: Mapping[str, Tensor]) -> Prepared:
-        """Normalised features, bounded so that a state unlike any demonstrated does not blow up the network."""
-        proprioception = observations["proprioception"]
-        state = proprioception.new_zeros(*proprioception.shape[:-1], self.num_features)
-        for normalizer, features, rows in self._features(observations):
-            normalised = normalizer.normalize(features).clamp(-self.config.clip, self.config.clip)
-            state[(rows, slice(features.shape[-1]))] = normalised
-        return {"state": state, **{name: observations[name] for name in self.sizes if name == TASK_KEY}}
+        """What every encoder prepares of observations ``(..., *shape)``, and the number of the task."""
+        prepared = {name: encoder.prepare(observations) for name, encoder in self.items()}
+        return prepared if self.embedding is None else {**prepared, TASK_KEY: observations[TASK_KEY]}
 
-    def forward(self, prepared: Prepared) -> Tensor:
-        """Features of the observed steps side by side, and the task's embedding."""
-        state = prepared["state"].flatten(1)
+    def forward(self, prepared: Prepared) -> Condition:
+        """Condition of prepared rows ``(B, T_o, ...)``."""
+        condition = {name: encoder(prepared[name]) for name, encoder in self.items()}
         if self.embedding is None:
-            return state
-        return torch.cat([state, self.embedding(prepared[TASK_KEY][:, -1, 0].long())], dim=-1)
+            return condition
+        return {**condition, TASK_KEY: self.embedding(prepared[TASK_KEY][:, -1].long())}
 
-    def _features(self, observations: Mapping[str, Tensor]) -> Iterator[tuple[Normalizer, Tensor, Any]]:
-        """For every task its normaliser, the features of its rows, and where these rows are."""
-        for index, (spec, normalizer) in enumerate(zip(self.specs, self.normalizers, strict=True)):
-            assert isinstance(normalizer, Normalizer)
-            rows = ... if self.embedding is None else observations[TASK_KEY][..., 0] == index
-            own = {name: values[rows] for name, values in observations.items()}
-            yield normalizer, state_features(own, spec, self.config), rows
+
+def _together(encoders: Iterable[ObservationEncoder]) -> tuple[ArraySpec, ...]:
+    found = {PROPRIOCEPTION.name: PROPRIOCEPTION}
+    for spec in (spec for encoder in encoders for spec in encoder.observations):
+        if found.setdefault(spec.name, spec) != spec:
+            raise ConfigError(
+                f"two encoders of a policy see '{spec.name}' in different shapes or types: "
+                f"{found[spec.name].shape} {found[spec.name].dtype} and {spec.shape} {spec.dtype}"
+            )
+    return tuple(found.values())

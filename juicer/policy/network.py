@@ -9,17 +9,15 @@ from torch import Tensor, nn
 
 from juicer.episode import ACTION_SIZE
 from juicer.policy.actions import action_frame
-from juicer.policy.config import DiffusionConfig, PolicyConfig
-from juicer.policy.diffusion import DiffusionHead
-from juicer.policy.encoder import Prepared, StateEncoder
-from juicer.policy.head import ActionHead
-from juicer.policy.mlp import MLPHead
+from juicer.policy.config import PolicyConfig
+from juicer.policy.encoder import Encoders, Prepared
+from juicer.policy.head import build_head
 from juicer.policy.normalizer import Normalizer
 from juicer.policy.tasks import Tasks
 
 
 class PolicyNetwork(nn.Module):
-    """Encoder, action frame, normaliser and head.
+    """Encoders, action frame, normaliser and head.
 
     Actions are ``(B, T_p, 10)`` and start with the first observed step; ``absolute`` means as recorded,
     ``chunk`` means in the policy's own frame and normalised.
@@ -30,10 +28,10 @@ class PolicyNetwork(nn.Module):
         self.config = config
         self.tasks = tasks
         self.frame = action_frame(config.action_frame)
-        self.encoder = StateEncoder(tasks, config.observation, config.horizons.obs, config.task_embedding)
+        self.encoders = Encoders(config, tasks)
         per_step = config.action_limits == "per_step"
         self.action_normalizer = Normalizer((config.horizons.pred, ACTION_SIZE) if per_step else (ACTION_SIZE,))
-        self.head = _build_head(config, self.encoder.condition_size)
+        self.head = build_head(config.head, (config.horizons.pred, ACTION_SIZE), self.encoders.sizes)
 
     @property
     def num_parameters(self) -> int:
@@ -50,15 +48,15 @@ class PolicyNetwork(nn.Module):
 
     def compute_loss(self, prepared: Prepared, chunk: Tensor) -> Tensor:
         """Loss of every entry ``(B, T_p, 10)``; draws noise from torch's global random state."""
-        return self.head.compute_loss(self.encoder(prepared), chunk)
+        return self.head.compute_loss(self.encoders(prepared), chunk)
 
     def act(self, prepared: Prepared, proprioception: Tensor, noise: Tensor) -> Tensor:
         """Absolute actions ``(B, T_p, 10)`` from prepared observations and noise ``(B, T_p, 10)``."""
-        return self.decode_actions(self.head.sample(self.encoder(prepared), noise), proprioception)
+        return self.decode_actions(self.head.sample(self.encoders(prepared), noise), proprioception)
 
     def predict(self, observations: Mapping[str, Tensor], noise: Tensor) -> Tensor:
         """Absolute actions ``(B, T_p, 10)`` from raw observations ``(B, T_o, D)``."""
-        return self.act(self.encoder.prepare(observations), observations["proprioception"][:, -1], noise)
+        return self.act(self.encoders.prepare(observations), observations["proprioception"][:, -1], noise)
 
 
 def build_policy(config: PolicyConfig, tasks: Tasks, seed: int) -> PolicyNetwork:
@@ -66,9 +64,3 @@ def build_policy(config: PolicyConfig, tasks: Tasks, seed: int) -> PolicyNetwork
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         return PolicyNetwork(config, tasks)
-
-
-def _build_head(config: PolicyConfig, condition_size: int) -> ActionHead:
-    if isinstance(config.head, DiffusionConfig):
-        return DiffusionHead(config.horizons.pred, ACTION_SIZE, condition_size, config.head)
-    return MLPHead(config.horizons.pred, ACTION_SIZE, condition_size, config.head)

@@ -27,7 +27,11 @@ class Normalizer(nn.Module):
     def fit(self, values: Tensor) -> None:
         """Take the limits of ``values`` ``(..., *shape)``."""
         rows = values.reshape(-1, *self.offset.shape)
-        low, high = rows.amin(dim=0), rows.amax(dim=0)
+        self.set_limits(rows.amin(dim=0), rows.amax(dim=0))
+
+    @torch.no_grad()
+    def set_limits(self, low: Tensor, high: Tensor) -> None:
+        """Take limits, each of this normaliser's shape."""
         half_range = (high - low) / 2
         self.offset.copy_((low + high) / 2)
         self.scale.copy_(torch.where(half_range * 2 < SMALLEST_RANGE, torch.ones_like(half_range), half_range))

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors.numpy import save_file
 
-from juicer.episode import ACTION_SIZE
+from juicer.episode import ACTION_SIZE, SIMULATOR
 from juicer.errors import InvalidCheckpoint, InvalidObservation
 from juicer.geometry import quat_to_matrix, rotation_angle
 from juicer.policy.config import MOST_PARTS
@@ -37,7 +37,12 @@ class ReplayPolicy:
     """Plays the actions of the nearest demonstration, then keeps repeating its last one.
 
     The whole episode is a single chunk: it is asked once, at the first step.
+
+    Attributes:
+        observations: Part poses are all that it sees.
     """
+
+    observations = (SIMULATOR["part_poses"],)
 
     def __init__(
         self, first_poses: NDArray[np.float32], actions: Sequence[NDArray[np.float32]], parts: Sequence[int], steps: int

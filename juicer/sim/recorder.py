@@ -56,14 +56,6 @@ class EpisodeRecorder:
         self._steps["reward"].append(float(reward))
         self.observation, self.done = observation, bool(terminated or truncated)
 
-    def recent(self, name: str, count: int) -> NDArray[np.float32]:
-        """The last ``count`` observations of a name, oldest first ``(count, D)``, the present one among them.
-
-        In front of the first stands the first again, as in the windows that policies are trained on.
-        """
-        seen = [*self._steps[name][max(0, len(self._steps[name]) + 1 - count) :], self.observation[name]]
-        return np.stack([seen[0]] * (count - len(seen)) + seen)
-
     def episode(self, record: EpisodeRecord) -> Episode:
         """Everything recorded so far as one episode.
 

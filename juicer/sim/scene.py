@@ -15,7 +15,7 @@ from juicer.sim.parts import add_part
 from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask, PartSpec
 
 TIMESTEP_S = 0.002
-FRONT_CAMERA, WRIST_CAMERA = "front", "wrist"
+CAMERAS = FRONT_CAMERA, WRIST_CAMERA = "front", "wrist"
 FLOOR_HEIGHT_M = -0.43
 
 # Fence bars (centre x, y; half extents), a U open towards the robot; inner faces at x 0.6715 and y +-0.165.

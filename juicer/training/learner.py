@@ -13,7 +13,7 @@ from juicer.policy.network import PolicyNetwork
 from juicer.policy.torch_settings import has_fast_bfloat16
 from juicer.seeding import stream
 from juicer.training.config import TrainingConfig
-from juicer.training.table import Batch
+from juicer.training.source import Batch
 
 AVERAGED_EVERY = 4
 """Steps between updates of the moving average, which touches every weight and would cost a twelfth of each step."""

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
@@ -43,9 +44,9 @@ def training_identity(episodes: TrainingEpisodes, settings: Mapping[str, object]
     """Digest of data and settings, which keeps a state from being continued as something else."""
     digest = hashlib.sha256(canonical_json(settings).encode())
     for name in sorted(episodes.observations):
-        digest.update(episodes.observations[name].tobytes())
-    digest.update(episodes.actions.tobytes())
-    digest.update(episodes.episode_ends.tobytes())
+        digest.update(np.ascontiguousarray(episodes.observations[name]).data)
+    digest.update(np.ascontiguousarray(episodes.actions).data)
+    digest.update(np.ascontiguousarray(episodes.episode_ends).data)
     digest.update("\n".join(episodes.families).encode())
     digest.update(canonical_json({"weights": list(episodes.weights)}).encode())
     return digest.hexdigest()

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from juicer.policy.encoder import Prepared
-from juicer.policy.features import POSITION, ROTATION
+from juicer.policy.actions import POSITION, ROTATION
+from juicer.policy.encoder import Encoders, Prepared
 from juicer.policy.rotations import euler_xyz_to_matrix, matrix_to_rot6d, rot6d_to_matrix
 from juicer.training.config import OriginalStateNoise, PhysicalStateNoise
 
@@ -23,9 +23,14 @@ def perturb_observations(observations: Mapping[str, Tensor], noise: PhysicalStat
     return {**observations, "proprioception": moved}
 
 
-def perturb_prepared(prepared: Prepared, noise: OriginalStateNoise) -> dict[str, Tensor]:
-    """Normalised state features ``(B, T_o, F)``, which begin with the proprioception, perturbed like the original's."""
-    return {**prepared, "state": _displaced(prepared["state"], noise.position, noise.rotation_rad)}
+def perturb_prepared(prepared: Prepared, noise: OriginalStateNoise, encoders: Encoders) -> dict[str, Tensor]:
+    """What encoders prepared ``(B, T_o, F)``, perturbed like the original's where it begins with the proprioception."""
+    moved = {
+        name: _displaced(prepared[name], noise.position, noise.rotation_rad)
+        for name, encoder in encoders.items()
+        if encoder.begins_with_proprioception
+    }
+    return {**prepared, **moved}
 
 
 def _displaced(state: Tensor, position: float, rotation_rad: float) -> Tensor:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import torch
@@ -10,10 +11,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from juicer.errors import TrainingFailed
+from juicer.policy.config import TASK_KEY
 from juicer.policy.encoder import Prepared
 from juicer.policy.network import PolicyNetwork
-from juicer.seeding import stream
 from juicer.training.config import OriginalStateNoise, PhysicalStateNoise, StateNoise
+from juicer.training.source import Batch
 from juicer.training.state_noise import perturb_observations, perturb_prepared
 from juicer.training.windows import TrainingEpisodes, Windows
 
@@ -21,27 +23,8 @@ ENCODED_AT_ONCE = 8192
 """Windows whose actions are encoded together, to bound memory."""
 
 
-@dataclass(frozen=True)
-class Batch:
-    """Windows ready for the network.
-
-    Attributes:
-        prepared: Prepared observations ``(B, T_o, F)``.
-        chunk: Encoded, normalised actions ``(B, T_p, 10)``.
-        weight: ``(B, T_p, 1)`` one where an action is a target, zero where not.
-    """
-
-    prepared: Prepared
-    chunk: Tensor
-    weight: Tensor
-
-    def average(self, losses: Tensor) -> Tensor:
-        """Mean over the targets of losses ``(B, T_p, 10)``."""
-        return (losses * self.weight).sum() / (self.weight.sum() * losses.shape[-1])
-
-
 class WindowTable:
-    """Windows of some episodes with their features and action chunks.
+    """The windows of some episodes in memory, with their features and action chunks.
 
     Rows cost ``4 * 10 * T_p`` bytes a window and ``4 * F`` a step: about 1.6 kB, 90 MB for 60,000 steps.
     """
@@ -61,7 +44,7 @@ class WindowTable:
             )
         self._network = network
         self._observations = {
-            name: torch.from_numpy(values).to(device) for name, values in episodes.observations.items()
+            name: torch.from_numpy(values).to(device) for name, values in _observed(network, episodes).items()
         }
         self._actions = torch.from_numpy(episodes.actions).to(device)
         self._obs_steps = torch.from_numpy(windows.obs_steps).to(device)
@@ -83,17 +66,17 @@ class WindowTable:
             noisy = perturb_observations(seen, noise)
             chunks = torch.cat([chunks, self._encode_all(noisy["proprioception"][:, -1])])
             seen = {name: torch.cat([values, noisy[name]]) for name, values in seen.items()}
-        self._network.encoder.fit(seen)
+        self._network.encoders.fit(seen)
         self._network.action_normalizer.fit(chunks)
 
     def normalize(self) -> None:
         """Apply the network's limits; needed once before batches are taken."""
         self._chunks = self._network.action_normalizer.normalize(self._chunks)
-        self._prepared = self._network.encoder.prepare(self._observations)
+        self._prepared = self._network.encoders.prepare(self._observations)
 
     @torch.no_grad()
-    def batch(self, rows: Tensor, noise: StateNoise | None = None) -> Batch:
-        """Gather windows; noise falls on the leading rows, so ``rows`` must be in random order for it."""
+    def gather(self, rows: Tensor, noise: StateNoise | None = None) -> Batch:
+        """See :class:`juicer.training.source.WindowSource`."""
         steps = self._obs_steps[rows]
         prepared = {name: values[steps] for name, values in self._prepared.items()}
         chunk = self._chunks[rows]
@@ -101,18 +84,18 @@ class WindowTable:
         if isinstance(noise, PhysicalStateNoise):
             seen = {name: values[steps[:num_noisy]] for name, values in self._observations.items()}
             seen = perturb_observations(seen, noise)
-            for name, values in self._network.encoder.prepare(seen).items():
+            for name, values in self._network.encoders.prepare(seen).items():
                 prepared[name][:num_noisy] = values
             absolute = self._actions[self._action_steps[rows[:num_noisy]]]
             chunk[:num_noisy] = self._network.encode_actions(absolute, seen["proprioception"][:, -1])
         elif isinstance(noise, OriginalStateNoise):
-            noisy = perturb_prepared({name: values[:num_noisy] for name, values in prepared.items()}, noise)
-            for name, values in noisy.items():
+            clean = {name: values[:num_noisy] for name, values in prepared.items()}
+            for name, values in perturb_prepared(clean, noise, self._network.encoders).items():
                 prepared[name][:num_noisy] = values
         return Batch(prepared, chunk, self._weights[rows])
 
     def recorded(self, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """Absolute actions ``(B, T_p, 10)`` and current proprioception ``(B, 16)`` of windows."""
+        """See :class:`juicer.training.source.WindowSource`."""
         current = self._obs_steps[rows, -1]
         return self._actions[self._action_steps[rows]], self._observations["proprioception"][current]
 
@@ -122,40 +105,15 @@ class WindowTable:
         return torch.cat([encode(self._actions[self._action_steps[rows]], proprioception[rows]) for rows in blocks])
 
 
-class BatchOrder:
-    """Which windows each training step sees: every window once an epoch, shuffled anew.
-
-    If they have weights, an epoch draws as many windows as there are, each with a chance in proportion to its weight.
-
-    The rows of a step are a function of the seed and the step alone, so that a resumed training needs no memory
-    of the order.
-    """
-
-    def __init__(
-        self, num_windows: int, batch_size: int, seed: int, weights: NDArray[np.float64] | None = None
-    ) -> None:
-        self._num_windows = num_windows
-        self._chances = None if weights is None else weights / weights.sum()
-        self._batch_size = batch_size
-        self._seed = seed
-        self._epoch = -1
-        self._shuffled: NDArray[np.int64] = np.empty(0, dtype=np.int64)
-
-    def rows(self, step: int) -> Tensor:
-        """Indices ``(batch_size,)`` of the windows of a step; a batch may reach into the next epoch."""
-        start, end = step * self._batch_size, (step + 1) * self._batch_size
-        parts = []
-        while start < end:
-            epoch, offset = divmod(start, self._num_windows)
-            part = self._shuffle(epoch)[offset : offset + end - start]
-            parts.append(part)
-            start += len(part)
-        return torch.from_numpy(np.concatenate(parts))
-
-    def _shuffle(self, epoch: int) -> NDArray[np.int64]:
-        if epoch != self._epoch:
-            self._epoch = epoch
-            rng, number = stream(self._seed, "order", epoch), self._num_windows
-            chances = self._chances
-            self._shuffled = rng.permutation(number) if chances is None else rng.choice(number, number, p=chances)
-        return self._shuffled
+def _observed(network: PolicyNetwork, episodes: TrainingEpisodes) -> Mapping[str, NDArray[Any]]:
+    """What a network sees of episodes."""
+    names = [spec.name for spec in network.encoders.observations]
+    if len(network.tasks) > 1:
+        names.append(TASK_KEY)
+    for name in names:
+        if name not in episodes.observations:
+            raise TrainingFailed(
+                f"the policy observes '{name}', which the episodes do not hold; they hold "
+                f"{', '.join(sorted(episodes.observations))}"
+            )
+    return {name: episodes.observations[name] for name in names}

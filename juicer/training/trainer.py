@@ -21,8 +21,9 @@ from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progres
 from juicer.seeding import stream
 from juicer.training.config import OriginalStateNoise, TrainingConfig
 from juicer.training.learner import Learner, learning_rate, torch_seed
+from juicer.training.source import BatchOrder, WindowSource
 from juicer.training.state import TrainingState, load_state, save_state, training_identity
-from juicer.training.table import BatchOrder, WindowTable
+from juicer.training.table import WindowTable
 from juicer.training.use import SourceUse, check_use, measure_use, notable_losses
 from juicer.training.validation import validate
 from juicer.training.windows import TrainingEpisodes, Windows, concatenate, cut_windows, split_episodes, window_weights
@@ -46,11 +47,11 @@ class TrainedCheckpoint:
 
 
 @dataclass(frozen=True)
-class TrainingTables:
+class WindowSources:
     """Windows to learn from, and those of the held-out episodes if there are any."""
 
-    learned: WindowTable
-    held_out: WindowTable | None
+    learned: WindowSource
+    held_out: WindowSource | None
 
 
 def train(
@@ -92,10 +93,10 @@ def train(
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
         network = build_policy(policy, tasks, torch_seed(seed, "weights")).to(torch_device)
-        tables = build_tables(episodes, (learned, held_out), network, config, seed, torch_device)
+        windows = window_sources(episodes, (learned, held_out), network, config, seed, torch_device)
         learner = Learner(network, config, seed, torch_device)
-        order = BatchOrder(len(tables.learned), config.batch_size, seed, window_weights(episodes, learned))
-        loop = _Loop(learner, tables, config, order, metrics or NullMetricSink())
+        order = BatchOrder(len(windows.learned), config.batch_size, seed, window_weights(episodes, learned))
+        loop = _Loop(learner, windows, config, order, metrics or NullMetricSink())
         identity = training_identity(episodes, _settings(policy, tasks, config, seed))
         facts = loop.run(identity, scratch, progress)
     metadata = CheckpointMetadata(
@@ -131,14 +132,14 @@ def cut_sides(
     )
 
 
-def build_tables(
+def window_sources(
     episodes: TrainingEpisodes,
     sides: tuple[Windows, Windows],
     network: PolicyNetwork,
     config: TrainingConfig,
     seed: int,
     device: torch.device,
-) -> TrainingTables:
+) -> WindowSources:
     """Make the windows of both sides of the split ready, and fit the network's normalisers to those it learns from.
 
     Raises:
@@ -153,24 +154,24 @@ def build_tables(
     tables[0].fit(config.state_noise)
     for table in tables:
         table.normalize()
-    return TrainingTables(learned=tables[0], held_out=tables[1] if len(tables) > 1 else None)
+    return WindowSources(learned=tables[0], held_out=tables[1] if len(tables) > 1 else None)
 
 
 class _Loop:
     """Steps, reports, validations and saves in their order."""
 
     def __init__(
-        self, learner: Learner, tables: TrainingTables, config: TrainingConfig, order: BatchOrder, metrics: MetricSink
+        self, learner: Learner, windows: WindowSources, config: TrainingConfig, order: BatchOrder, metrics: MetricSink
     ) -> None:
         self._learner = learner
-        self._tables = tables
+        self._windows = windows
         self._config = config
         self._metrics = metrics
         self._order = order
         self._loss_sum = torch.zeros(())
         self._facts = {
             "num_parameters": float(learner.network.num_parameters),
-            "num_windows": float(len(tables.learned)),
+            "num_windows": float(len(windows.learned)),
         }
 
     def run(self, identity: str, scratch: Path | None, progress: Progress) -> Mapping[str, float]:
@@ -180,7 +181,7 @@ class _Loop:
         started = time.monotonic()
         for step in range(first, config.steps):
             self._learner.seed_step(step)
-            batch = self._tables.learned.batch(self._order.rows(step), config.state_noise)
+            batch = self._windows.learned.gather(self._order.rows(step), config.state_noise)
             self._loss_sum += self._learner.learn(batch, step).cpu()
             done = step + 1
             if done % config.report_every == 0 or done == config.steps:
@@ -215,8 +216,8 @@ class _Loop:
         self._record({"train/loss": loss, "train/learning_rate": rate}, done)
 
     def _validate(self, done: int) -> None:
-        if self._tables.held_out is not None:
-            self._record(validate(self._learner.acting, self._tables.held_out), done)
+        if self._windows.held_out is not None:
+            self._record(validate(self._learner.acting, self._windows.held_out), done)
 
     def _record(self, metrics: Mapping[str, float], step: int) -> None:
         self._metrics.log(metrics, step)

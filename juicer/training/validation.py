@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import torch
 
-from juicer.policy.features import POSITION, ROTATION
+from juicer.policy.actions import POSITION, ROTATION
 from juicer.policy.network import PolicyNetwork
 from juicer.policy.rotations import rot6d_to_matrix
 from juicer.seeding import stream
-from juicer.training.table import WindowTable
+from juicer.training.source import WindowSource
 
 VALIDATION_ROWS = 1024
 """Windows that a validation looks at; always the same ones."""
@@ -16,7 +16,7 @@ VALIDATION_SEED = 0
 
 
 @torch.no_grad()
-def validate(network: PolicyNetwork, table: WindowTable) -> dict[str, float]:
+def validate(network: PolicyNetwork, source: WindowSource) -> dict[str, float]:
     """Loss, and errors of the chunk that would be executed; always with the same windows and the same noise.
 
     Returns:
@@ -24,14 +24,14 @@ def validate(network: PolicyNetwork, table: WindowTable) -> dict[str, float]:
         positions over the T_a executed actions; ``validation/rotation_error_deg`` likewise; and
         ``validation/gripper_accuracy``, share of executed actions whose gripper command has the right sign.
     """
-    order = stream(VALIDATION_SEED, "validation").permutation(len(table))[:VALIDATION_ROWS]
+    order = stream(VALIDATION_SEED, "validation").permutation(len(source))[:VALIDATION_ROWS]
     rows = torch.from_numpy(order)
     was_training = network.training
     network.eval()
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(VALIDATION_SEED)
-        batch = table.batch(rows)
-        recorded, proprioception = table.recorded(rows)
+        batch = source.gather(rows)
+        recorded, proprioception = source.recorded(rows)
         loss = batch.average(network.compute_loss(batch.prepared, batch.chunk))
         predicted = network.act(batch.prepared, proprioception, torch.randn(recorded.shape).to(recorded.device))
     network.train(was_training)

@@ -56,6 +56,8 @@ def concatenate(parts: Sequence[TrainingEpisodes]) -> TrainingEpisodes:
     """
     if not sum(len(part.episode_ends) for part in parts):
         raise TrainingFailed("there are no episodes to train on")
+    if len(parts) == 1:
+        return parts[0]
     starts = np.cumsum([0, *(len(part.actions) for part in parts)])
     return TrainingEpisodes(
         observations={

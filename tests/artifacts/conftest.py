@@ -157,7 +157,9 @@ def _write_every_kind(store: ArtifactStore) -> ArtifactStore:
     from juicer.episode import SIMULATOR, ArraySpec, Episode, EpisodeRecord, Outcome, Role, Source
     from juicer.imaging.video import write_video
     from juicer.policy.checkpoint import Checkpoint, CheckpointMetadata, save_checkpoint
-    from juicer.policy.config import DiffusionConfig, FeatureSpec, MLPDenoiserConfig, PairSpec, PolicyConfig
+    from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
+    from juicer.policy.denoisers.mlp.config import MLPDenoiserConfig
+    from juicer.policy.heads.diffusion.config import DiffusionConfig
     from juicer.policy.network import build_policy
     from juicer.progress import NullMetricSink
     from juicer.reporting.content import ReportData

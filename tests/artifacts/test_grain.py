@@ -24,9 +24,11 @@ from juicer.reporting.comparison import ReportRow
 from juicer.tasks import content
 from juicer.tasks.registry import TASK_NAMES, get_task
 from juicer.tasks.specification import AssemblyTask
+from juicer.training.mixing import DatasetConfig
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import CollectConfig, collect
+from stages.dataset import dataset
 from stages.evaluate import EvaluateConfig, evaluate
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
@@ -41,9 +43,9 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = ("juicer", "stages", "flows")
 
 FROM_EVALUATION = {"evaluate", "report"}
-FROM_TRAINING = {"train", "collect", "select", "retrain", *FROM_EVALUATION}
-FROM_SELECTION = {"select", "retrain", *FROM_EVALUATION}
-FROM_AUGMENTATION = {"augment", *FROM_TRAINING}
+FROM_SELECTION = {"select", "mix", "retrain", *FROM_EVALUATION}
+FROM_TRAINING = {"train", "collect", *FROM_SELECTION}
+FROM_AUGMENTATION = {"augment", "dataset", *FROM_TRAINING}
 FROM_ANNOTATION = {"annotate", *FROM_AUGMENTATION}
 FROM_INGESTION = {"ingest", "memorise", *FROM_ANNOTATION}
 EVERYTHING = {"record", *FROM_INGESTION}
@@ -223,10 +225,14 @@ def loop(task: str) -> dict[str, Recipe]:
     made["annotate"] = annotate(session, episodes=demonstrations, config=AnnotationConfig())
     made["augment"] = augment(session, episodes=demonstrations, annotations=made["annotate"], config=AugmentConfig())
     episodes = (demonstrations, made["augment"])
-    made["train"] = train(session, episodes=episodes, config=TrainConfig())
+    made["dataset"] = dataset(session, episodes=episodes, config=DatasetConfig())
+    made["train"] = train(session, dataset=made["dataset"], config=TrainConfig())
     made["collect"] = collect(session, checkpoint=made["train"], config=CollectConfig(**start))
     made["select"] = select(session, episodes=made["collect"], config=SelectConfig())
-    made["retrain"] = train(session, episodes=episodes, selections=(made["select"],), config=TrainConfig(seed=1))
+    made["mix"] = dataset(
+        session, episodes=(*episodes, made["collect"]), selections=(made["select"],), config=DatasetConfig()
+    )
+    made["retrain"] = train(session, dataset=made["mix"], config=TrainConfig(seed=1))
     made["evaluate"] = evaluate(session, checkpoint=made["retrain"], config=EvaluateConfig(**start))
     rows = (ReportRow(condition="TA+CI", seed=0),)
     made["report"] = report(

@@ -27,7 +27,11 @@ from juicer.demonstration.log import OperatorLog
 from juicer.demonstration.recording import recordings
 from juicer.episode import Episode, EpisodeRecord
 from juicer.expert.operator import scripted_operators
-from juicer.policy.config import DiffusionConfig, HorizonConfig, MLPConfig, MLPDenoiserConfig, PolicyConfig, UNetConfig
+from juicer.policy.config import HorizonConfig, PolicyConfig
+from juicer.policy.denoisers.mlp.config import MLPDenoiserConfig
+from juicer.policy.denoisers.unet.config import UNetConfig
+from juicer.policy.heads.diffusion.config import DiffusionConfig
+from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.policy.replay import ReplayPolicy
 from juicer.rollout import Policy, rollout
 from juicer.seed_ranges import Purpose, claim
@@ -63,9 +67,9 @@ POLICIES: Mapping[str, PolicyConfig] = {
         horizons=HorizonConfig(obs=2, pred=16, action=8),
         head=DiffusionConfig(denoiser=UNetConfig(channels=(32, 64, 64), step_embedding=32)),
     ),
-    "mlp chunked": PolicyConfig(horizons=HorizonConfig(pred=16, action=8), head=MLPConfig(width=128, blocks=2)),
+    "mlp chunked": PolicyConfig(horizons=HorizonConfig(pred=16, action=8), head=MLPHeadConfig(width=128, blocks=2)),
     "mlp unchunked": PolicyConfig(
-        horizons=HorizonConfig(pred=1, action=1), action_frame="relative", head=MLPConfig(width=128, blocks=2)
+        horizons=HorizonConfig(pred=1, action=1), action_frame="relative", head=MLPHeadConfig(width=128, blocks=2)
     ),
 }
 TRAINING = TrainingConfig(

@@ -115,12 +115,22 @@ CHECKPOINTS: dict[str, Damage] = {
     "an infinite target": policy([float("inf")] * 7, *PAIR, "target"),
     "a target that is no number": policy([float("nan")] * 7, *PAIR, "target"),
     "thousands of targets": policy([[0.0] * 7] * 10_000, *PAIR, "also_at"),
-    "thousands of scales": policy([0.1] * 10_000, "policy", "observation", "fine_scales_m"),
-    "a scale of zero": policy([0.0], "policy", "observation", "fine_scales_m"),
+    "thousands of scales": policy([0.1] * 10_000, "policy", "observation", "state", "fine_scales_m"),
+    "a scale of zero": policy([0.0], "policy", "observation", "state", "fine_scales_m"),
     "a text for a number": policy("16", *HEAD, "denoiser", "width"),
+    "an unknown encoder": policy({"state": {"kind": "pickle"}}, "policy", "observation"),
+    "no encoder": policy({}, "policy", "observation"),
+    "thousands of encoders": policy(
+        {f"e{index}": {"kind": "features"} for index in range(999)}, "policy", "observation"
+    ),
+    "an encoder called like the task": policy({"task": {"kind": "features"}}, "policy", "observation"),
+    "an encoder with an escape sequence for a name": policy({"\x1b[2J": {"kind": "features"}}, "policy", "observation"),
+    "an encoder that is a module": policy({"state": {"kind": "os:system"}}, "policy", "observation"),
+    "an encoder of the first layout": policy({"pairs": "all"}, "policy", "observation"),
+    "a network of its own": policy("os:system", *HEAD, "network"),
     "an unknown head": policy({"kind": "pickle"}, *HEAD),
     "an unknown key": policy("os.system", "policy", "__reduce__"),
-    "another schema": policy(5, "schema_version"),
+    "another schema": policy(6, "schema_version"),
     "a schema that is true": policy(True, "schema_version"),
     "a schema of lists": policy([[[]]], "schema_version"),
     "unknown acting weights": policy("../../secret", "acting_weights"),
@@ -129,10 +139,10 @@ CHECKPOINTS: dict[str, Damage] = {
     "nothing": raw(b""),
     "zero bytes": raw(b"\0" * 1000),
     "another encoding": raw("{}".encode("utf-16")),
-    "nested deep": raw(b'{"schema_version": 4, "policy": ' + DEEP + b"}"),
+    "nested deep": raw(b'{"schema_version": 5, "policy": ' + DEEP + b"}"),
     "nested deep as a whole": raw(DEEP),
     "thousands of digits": raw(b'{"schema_version": ' + b"4" * 5000 + b"}"),
-    "the same key twice": raw(b'{"schema_version": 4, "schema_version": 4}'),
+    "the same key twice": raw(b'{"schema_version": 5, "schema_version": 5}'),
     "two megabytes of metadata": raw(b" " * 2_000_000 + b"{}"),
     "metadata of the device zero": link("policy.json", "/dev/zero"),
     "metadata of somebody else": link("policy.json", "/etc/hostname"),
@@ -225,7 +235,9 @@ REPLAYS: dict[str, Damage] = {
 def checkpoint_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A small, valid checkpoint."""
     from juicer.policy.checkpoint import Checkpoint, CheckpointMetadata, save_checkpoint
-    from juicer.policy.config import DiffusionConfig, FeatureSpec, MLPDenoiserConfig, PairSpec, PolicyConfig
+    from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
+    from juicer.policy.denoisers.mlp.config import MLPDenoiserConfig
+    from juicer.policy.heads.diffusion.config import DiffusionConfig
     from juicer.policy.network import build_policy
 
     pair = PairSpec(first=0, second=1, target=(0.0, 0.05, 0.0, 1.0, 0.0, 0.0, 0.0))

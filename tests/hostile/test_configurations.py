@@ -148,7 +148,9 @@ TEXTS: dict[str, str] = {
     "lower above upper": "augment: {departures: {a: {lift_m: [2, 1], distance_m: [0, 1], polar_deg: [0, 1], "
     "rotation_deg: 1, step_m: [0, 1], step_deg: [0, 1]}}}\n",
     "no departures": "augment: {departures: {}}\n",
-    "thousands of scales": "train: {diffusion: {policy: {observation: {fine_scales_m: [" + "0.1, " * 1000 + "]}}}}\n",
+    "thousands of scales": "train: {diffusion: {policy: {observation: {state: {kind: features, fine_scales_m: ["
+    + "0.1, " * 1000
+    + "]}}}}}\n",
     "widest U-Net": "train: {diffusion: {policy: {head: {denoiser: {kind: unet, channels: [16384, 16384, 16384]}}}}}\n",
 }
 
@@ -162,8 +164,9 @@ FLOATS = {
     "learning_rate": "train: {diffusion: {training: {learning_rate: VALUE}}}\n",
     "weight_decay": "train: {diffusion: {training: {weight_decay: VALUE}}}\n",
     "ema_decay": "train: {diffusion: {training: {ema_decay: VALUE}}}\n",
-    "clip": "train: {diffusion: {policy: {observation: {clip: VALUE}}}}\n",
-    "fine_scales_m": "train: {diffusion: {policy: {observation: {fine_scales_m: [0.1, VALUE]}}}}\n",
+    "clip": "train: {diffusion: {policy: {observation: {state: {kind: features, clip: VALUE}}}}}\n",
+    "fine_scales_m": "train: {diffusion: {policy: {observation: {state: {kind: features, "
+    "fine_scales_m: [0.1, VALUE]}}}}}\n",
     "dropout": "train: {mlp_chunked: {policy: {head: {kind: mlp, dropout: VALUE}}}}\n",
 }
 NO_NUMBERS = (".inf", "-.inf", ".nan", "1e999", "1e300", "true", "yes", "'0.1'", "[0.1]", "-1")

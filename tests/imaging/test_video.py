@@ -12,7 +12,8 @@ import pytest
 
 from juicer.episode import STATE_KEY, Episode
 from juicer.errors import ConfigError, InvalidEpisode
-from juicer.imaging.video import CAMERAS, Image, View, draw, every, write_strip, write_video
+from juicer.imaging.video import Image, View, draw, every, write_strip, write_video
+from juicer.sim.scene import CAMERAS
 
 IMAGE: Image = np.zeros((32, 48, 3), np.uint8)
 

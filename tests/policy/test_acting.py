@@ -4,26 +4,23 @@ import torch
 
 from juicer.errors import InvalidObservation
 from juicer.policy.acting import INFERENCE_ROWS, TrainedPolicy
-from juicer.policy.config import (
-    DiffusionConfig,
-    HorizonConfig,
-    MLPConfig,
-    MLPDenoiserConfig,
-    PolicyConfig,
-    UNetConfig,
-)
+from juicer.policy.config import HorizonConfig, PolicyConfig
+from juicer.policy.denoisers.mlp.config import MLPDenoiserConfig
+from juicer.policy.denoisers.unet.config import UNetConfig
+from juicer.policy.heads.diffusion.config import DiffusionConfig
+from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.policy.network import build_policy
 
 HEADS = {
     "mlp-denoiser": DiffusionConfig(denoiser=MLPDenoiserConfig(), prediction="sample", spacing="trailing"),
     "unet": DiffusionConfig(denoiser=UNetConfig(channels=(32, 64, 128), step_embedding=32)),
-    "regression": MLPConfig(),
+    "regression": MLPHeadConfig(),
 }
 
 
 def policy_of(spec, observe, head, **settings):
     network = build_policy(PolicyConfig(head=head, action_frame="relative", **settings), {"toy": spec}, seed=1)
-    network.encoder.fit({name: torch.from_numpy(values) for name, values in observe(500, seed=7).items()})
+    network.encoders.fit({name: torch.from_numpy(values) for name, values in observe(500, seed=7).items()})
     return TrainedPolicy(network, "toy")
 
 
@@ -118,3 +115,14 @@ def test_initial_weights_depend_on_the_seed_alone(spec):
     assert torch.equal(drawn, torch.rand(1)), "building a policy moved the caller's random state"
     second = build_policy(config, {"toy": spec}, seed=1)
     assert all(torch.equal(a, b) for a, b in zip(first.parameters(), second.parameters(), strict=True))
+
+
+def test_it_declares_what_its_encoders_see_and_is_shown_that_in_its_own_type(spec, observe):
+    policy = policy_of(spec, observe, HEADS["mlp-denoiser"])
+    assert [(seen.name, seen.shape, seen.dtype) for seen in policy.observations] == [
+        ("proprioception", (16,), "float32"),
+        ("part_poses", (None,), "float32"),
+    ]
+    words = {**observe(1), "part_poses": np.full((1, 14), "0.1")}
+    with pytest.raises(InvalidObservation, match="'part_poses' must be of type float32, got <U3"):
+        policy.predict(words, streams([0]))

@@ -6,7 +6,9 @@ import torch
 
 from juicer.errors import ConfigError, InvalidCheckpoint
 from juicer.policy.checkpoint import Checkpoint, CheckpointMetadata, load_checkpoint, load_policy, save_checkpoint
-from juicer.policy.config import DiffusionConfig, MLPDenoiserConfig, PolicyConfig
+from juicer.policy.config import PolicyConfig
+from juicer.policy.denoisers.mlp.config import MLPDenoiserConfig
+from juicer.policy.heads.diffusion.config import DiffusionConfig
 from juicer.policy.network import build_policy
 
 CONFIG = PolicyConfig(head=DiffusionConfig(denoiser=MLPDenoiserConfig(width=16, blocks=1), prediction="sample"))
@@ -17,7 +19,7 @@ def checkpoint(spec, observe):
     states = []
     for seed in (1, 2):
         network = build_policy(CONFIG, {"toy": spec}, seed)
-        network.encoder.fit({name: torch.from_numpy(values) for name, values in observe(50).items()})
+        network.encoders.fit({name: torch.from_numpy(values) for name, values in observe(50).items()})
         states.append(network.state_dict())
     metadata = CheckpointMetadata(policy=CONFIG, tasks={"toy": spec}, acting_weights="ema", step=10)
     return Checkpoint(metadata, weights=states[0], ema=states[1])
@@ -47,9 +49,12 @@ def test_a_checkpoint_is_safetensors_and_json_and_nothing_else(checkpoint, tmp_p
     assert all(torch.equal(loaded.weights[name], value) for name, value in checkpoint.weights.items())
 
 
-def damage_schema(folder):
-    content = json.loads((folder / "policy.json").read_text())
-    (folder / "policy.json").write_text(json.dumps({**content, "schema_version": 99}))
+def schema(version):
+    def damage(folder):
+        content = json.loads((folder / "policy.json").read_text())
+        (folder / "policy.json").write_text(json.dumps({**content, "schema_version": version}))
+
+    return damage
 
 
 @pytest.mark.parametrize(
@@ -57,8 +62,9 @@ def damage_schema(folder):
     [
         (lambda folder: (folder / "policy.json").unlink(), "is no checkpoint"),
         (lambda folder: (folder / "policy.json").write_text("{"), "cannot be read"),
-        (lambda folder: (folder / "policy.json").write_text('{"schema_version": 4}'), "is not valid: policy"),
-        (damage_schema, "schema version 99"),
+        (lambda folder: (folder / "policy.json").write_text('{"schema_version": 5}'), "is not valid: policy"),
+        (schema(99), "schema version 99, .* use the version of juicer that wrote it"),
+        (schema(4), "schema version 4, .* train the policy again"),
         (lambda folder: (folder / "ema.safetensors").unlink(), "cannot be read"),
         (lambda folder: (folder / "ema.safetensors").write_bytes(b"1234"), "cannot be read"),
     ],

@@ -3,7 +3,9 @@ from pydantic import ValidationError
 
 from juicer.config import parse_config
 from juicer.errors import ConfigError
-from juicer.policy.config import HorizonConfig, MLPConfig, PolicyConfig, UNetConfig, rough_parameters
+from juicer.policy.config import HorizonConfig, PolicyConfig, rough_parameters
+from juicer.policy.denoisers.unet.config import UNetConfig
+from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.policy.network import build_policy
 
 
@@ -17,7 +19,7 @@ def test_the_defaults_are_the_paper_policy():
 
 def test_the_kind_of_the_head_chooses_its_settings():
     config = parse_config({"head": {"kind": "mlp", "width": 64}}, PolicyConfig, origin="test")
-    assert config.head == MLPConfig(width=64)
+    assert config.head == MLPHeadConfig(width=64)
 
 
 def test_a_setting_of_another_head_is_refused():

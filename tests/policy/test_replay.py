@@ -36,6 +36,10 @@ def test_nearest_demonstration_is_played_and_its_last_action_held(policy):
     np.testing.assert_allclose(chunks[1:, :, 0], [[0.2] * 5, [0.3] * 5])
 
 
+def test_it_looks_at_the_parts_only(policy):
+    assert [spec.name for spec in policy.observations] == ["part_poses"]
+
+
 def test_parts_that_do_not_matter_decide_nothing(policy):
     np.testing.assert_array_equal(play(policy, poses(0.0, other=9.0)), play(policy, poses(0.0)))
 

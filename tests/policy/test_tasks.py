@@ -6,8 +6,10 @@ import torch
 
 from juicer.errors import InvalidCheckpoint
 from juicer.policy.acting import TrainedPolicy
-from juicer.policy.config import MLPConfig, PolicyConfig, StateObservationConfig
-from juicer.policy.encoder import StateEncoder
+from juicer.policy.config import PolicyConfig
+from juicer.policy.encoders.features.config import FeaturesConfig
+from juicer.policy.encoders.features.network import FeatureEncoder
+from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.policy.network import build_policy
 from juicer.policy.tasks import as_shown
 
@@ -48,29 +50,52 @@ def test_several_tasks_are_shown_rows_of_one_length_and_their_number(two_tasks, 
 def test_rows_of_a_task_are_prepared_as_if_it_were_the_only_one(two_tasks, observe, tower):
     toy, high = as_shown(observe(40), two_tasks, "toy"), as_shown(tower(30), two_tasks, "tower")
     mixed = {name: torch.from_numpy(np.concatenate([toy[name], high[name]])) for name in toy}
-    encoder = StateEncoder(two_tasks, StateObservationConfig(), 1, 8)
+    encoder = FeatureEncoder(FeaturesConfig(), two_tasks, 1)
     encoder.fit(mixed)
-    state = encoder.prepare(mixed)["state"]
+    state = encoder.prepare(mixed)
     for name, own, rows in (("toy", observe(40), state[:40]), ("tower", tower(30), state[40:])):
-        alone = StateEncoder({name: two_tasks[name]}, StateObservationConfig(), 1, 8)
+        alone = FeatureEncoder(FeaturesConfig(), {name: two_tasks[name]}, 1)
         alone.fit(tensors(own))
-        wanted = alone.prepare(tensors(own))["state"]
+        wanted = alone.prepare(tensors(own))
         torch.testing.assert_close(rows[:, : wanted.shape[1]], wanted)
         assert not rows[:, wanted.shape[1] :].any()
 
 
+def test_tasks_may_share_the_limits_of_the_features_that_they_have_in_common(two_tasks, observe, tower):
+    toy, high = as_shown(observe(40), two_tasks, "toy"), as_shown(tower(30), two_tasks, "tower")
+    mixed = {name: torch.from_numpy(np.concatenate([toy[name], high[name]])) for name in toy}
+    encoder = FeatureEncoder(FeaturesConfig(normalisation="together"), two_tasks, 1)
+    encoder.fit(mixed)
+    state = encoder.prepare(mixed)
+    alone = FeatureEncoder(FeaturesConfig(), {"toy": two_tasks["toy"]}, 1)
+    common = alone.token_size[1]
+    assert common < encoder.token_size[1]
+    torch.testing.assert_close(state[:, :common].amin(0), torch.full((common,), -1.0), atol=1e-4, rtol=0)
+    torch.testing.assert_close(state[:, :common].amax(0), torch.full((common,), 1.0), atol=1e-4, rtol=0)
+    assert not state[:40, common:].any()
+
+
+def test_the_limits_of_one_task_are_the_same_alone_and_together(spec, observe):
+    alone, together = (
+        FeatureEncoder(FeaturesConfig(normalisation=kind), {"toy": spec}, 1) for kind in ("per_task", "together")
+    )
+    for encoder in (alone, together):
+        encoder.fit(tensors(observe(40)))
+    assert torch.equal(alone.prepare(tensors(observe(9))), together.prepare(tensors(observe(9))))
+
+
 def test_the_embedding_is_all_that_tells_two_like_tasks_apart(spec, observe):
     tasks = {"first": spec, "second": spec}
-    network = build_policy(PolicyConfig(head=MLPConfig(width=16, blocks=1, dropout=0.0)), tasks, seed=0)
-    assert network.encoder.embedding.weight.shape == (2, 128)
+    network = build_policy(PolicyConfig(head=MLPHeadConfig(width=16, blocks=1, dropout=0.0)), tasks, seed=0)
+    assert network.encoders.embedding.weight.shape == (2, 128)
     streams = [np.random.default_rng(0)] * 4
     acts = {name: TrainedPolicy(network, name).predict(observe(4), streams) for name in tasks}
     assert not np.array_equal(acts["first"], acts["second"])
-    network.encoder.embedding.weight[1] = network.encoder.embedding.weight[0]
+    network.encoders.embedding.weight[1] = network.encoders.embedding.weight[0]
     np.testing.assert_array_equal(TrainedPolicy(network, "second").predict(observe(4), streams), acts["first"])
 
 
 def test_another_task_is_refused(two_tasks):
-    network = build_policy(PolicyConfig(head=MLPConfig(width=16, blocks=1)), two_tasks, seed=0)
+    network = build_policy(PolicyConfig(head=MLPHeadConfig(width=16, blocks=1)), two_tasks, seed=0)
     with pytest.raises(InvalidCheckpoint, match="was trained for toy, tower, not for 'lamp'"):
         TrainedPolicy(network, "lamp")

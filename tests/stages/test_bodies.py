@@ -542,7 +542,7 @@ def test_a_replay_lasts_as_long_as_the_episodes_may(loop, monkeypatch):
         horizons.append(policy.action_horizon)
         return iter(())
 
-    monkeypatch.setattr("stages.rollouts.rollout", note_horizon)
+    monkeypatch.setattr("juicer.policy_rollout.rollout", note_horizon)
     with pytest.raises(NothingLeft):
         evaluate(loop.session, checkpoint=checkpoint, config=EvaluateConfig(**SCENE, max_steps=7000))
     assert horizons == [7000]

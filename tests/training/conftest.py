@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from juicer.geometry import matrix_to_rot6d, rotvec_to_matrix
-from juicer.policy.config import DiffusionConfig, FeatureSpec, HorizonConfig, MLPDenoiserConfig, PairSpec, PolicyConfig
+from juicer.policy.config import FeatureSpec, HorizonConfig, PairSpec, PolicyConfig
+from juicer.policy.denoisers.mlp.config import MLPDenoiserConfig
+from juicer.policy.heads.diffusion.config import DiffusionConfig
 from juicer.training.config import TrainingConfig
 from juicer.training.windows import TrainingEpisodes
 

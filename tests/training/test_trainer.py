@@ -12,7 +12,10 @@ import torch
 
 from juicer.errors import ConfigError, TrainingFailed
 from juicer.policy.checkpoint import load_policy, save_checkpoint
-from juicer.policy.config import DiffusionConfig, HorizonConfig, MLPConfig, PolicyConfig, UNetConfig
+from juicer.policy.config import HorizonConfig, PolicyConfig
+from juicer.policy.denoisers.unet.config import UNetConfig
+from juicer.policy.heads.diffusion.config import DiffusionConfig
+from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.policy.tasks import as_shown
 from juicer.training.config import OriginalStateNoise, PhysicalStateNoise
 from juicer.training.learner import learning_rate
@@ -20,7 +23,7 @@ from juicer.training.state import STATE_FILE
 from juicer.training.trainer import train
 
 HEADS = {
-    "mlp": MLPConfig(width=32, blocks=1),
+    "mlp": MLPHeadConfig(width=32, blocks=1),
     "unet": DiffusionConfig(denoiser=UNetConfig(channels=(16, 16, 16), step_embedding=8)),
 }
 
@@ -238,7 +241,7 @@ def test_one_policy_learns_several_tasks(episodes, tasks, policy_config, trainin
     trained = train([shown("toy", 0), shown("other", 1)], policy_config, both, training_config, seed=3)
     assert list(trained.checkpoint.metadata.tasks) == ["toy", "other"]
     assert trained.facts["num_windows"] > 100
-    assert trained.checkpoint.weights["encoder.embedding.weight"].shape == (2, policy_config.task_embedding)
+    assert trained.checkpoint.weights["encoders.embedding.weight"].shape == (2, policy_config.task_embedding)
 
 
 @pytest.mark.parametrize("weight", [1.0, 0.25])

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from juicer.policy.config import HorizonConfig, MLPConfig, PolicyConfig
+from juicer.policy.config import HorizonConfig, PolicyConfig
+from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.policy.network import build_policy
 from juicer.training.table import WindowTable
 from juicer.training.validation import validate
@@ -30,7 +31,7 @@ class Displaced(torch.nn.Module):
 
 @pytest.fixture
 def setting(episodes, spec):
-    config = PolicyConfig(head=MLPConfig(width=8, blocks=1), horizons=HorizonConfig(pred=8, action=4))
+    config = PolicyConfig(head=MLPHeadConfig(width=8, blocks=1), horizons=HorizonConfig(pred=8, action=4))
     network, data = build_policy(config, {"toy": spec}, seed=0), episodes()
     windows = cut_windows(data.episode_ends, np.arange(5), config.horizons, back_padding=7)
     table = WindowTable(data, windows, network, learn_padding=True, device=torch.device("cpu"))

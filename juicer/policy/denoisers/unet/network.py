@@ -5,8 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from juicer.policy.config import UNetConfig
+from juicer.policy.condition import Condition, ConditionSizes, flat, flat_size
 from juicer.policy.denoiser import Denoiser, StepEmbedding
+from juicer.policy.denoisers.unet.config import UNetConfig
+from juicer.policy.head import ChunkShape
 
 
 class ConvBlock(nn.Sequential):
@@ -43,11 +45,12 @@ class UNetDenoiser(Denoiser):
     Each level holds two residual blocks. The skip of the first level stays unused, as in the original.
     """
 
-    def __init__(self, action_size: int, condition_size: int, config: UNetConfig) -> None:
+    def __init__(self, config: UNetConfig, chunk: ChunkShape, condition: ConditionSizes) -> None:
         super().__init__()
+        _, action_size = chunk
         low, middle, high = config.channels
         embedding = config.step_embedding
-        size = embedding + condition_size
+        size = embedding + flat_size(condition)
         self.step_encoder = nn.Sequential(
             StepEmbedding(embedding),
             nn.Linear(embedding, 4 * embedding),
@@ -67,13 +70,13 @@ class UNetDenoiser(Denoiser):
         self.upsample = nn.ModuleList([nn.ConvTranspose1d(channels, channels, 4, 2, 1) for channels in (middle, low)])
         self.head = nn.Sequential(ConvBlock(low, low, config), nn.Conv1d(low, action_size, 1))
 
-    def forward(self, noisy: Tensor, step: Tensor, condition: Tensor) -> Tensor:
+    def forward(self, noisy: Tensor, step: Tensor, condition: Condition) -> Tensor:
         """See :class:`Denoiser`."""
-        condition = torch.cat([self.step_encoder(step), condition], dim=-1)
+        told = torch.cat([self.step_encoder(step), flat(condition)], dim=-1)
 
         def run(blocks: nn.Module, x: Tensor) -> Tensor:
             for block in blocks.children():
-                x = block(x, condition)
+                x = block(x, told)
             return x
 
         fine = run(self.down[0], noisy.transpose(1, 2))

@@ -13,12 +13,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from juicer.policy.config import FeatureSpec, PairSpec, StateObservationConfig, Target
+from juicer.policy.actions import POSITION, ROTATION
+from juicer.policy.config import FeatureSpec, PairSpec, Target
+from juicer.policy.encoders.features.config import FeaturesConfig
 from juicer.policy.rotations import matrix_to_rot6d, quat_to_matrix, rot6d_to_matrix, rotate_back
-
-POSITION = slice(0, 3)
-ROTATION = slice(3, 9)
-"""Where end-effector position (m) and rotation (6D) stand in proprioception, and the target's in an action."""
 
 
 class _BatchedPose(NamedTuple):
@@ -37,7 +35,7 @@ class _BatchedPose(NamedTuple):
         return [self.position, matrix_to_rot6d(self.matrix)]
 
 
-def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config: StateObservationConfig) -> Tensor:
+def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config: FeaturesConfig) -> Tensor:
     """Features ``(..., F)`` of observations ``(..., D)``; the first 16 are the proprioception itself.
 
     Of the pair that is next to be mounted, and of the one before it, follow: both parts' poses in the robot base
@@ -97,7 +95,7 @@ def _is_in_place(joint: _BatchedPose, pair: PairSpec, spec: FeatureSpec) -> Tens
     return near & (joint.matrix.diagonal(dim1=-2, dim2=-1).amin(dim=-1) >= spec.mounted_cosine)
 
 
-def _pair_features(gripper: _BatchedPose, pair: _PlacedPair, config: StateObservationConfig) -> Tensor:
+def _pair_features(gripper: _BatchedPose, pair: _PlacedPair, config: FeaturesConfig) -> Tensor:
     joint = pair.joint
     first_seen, second_seen = pair.first.seen_from(gripper), pair.second.seen_from(gripper)
     poses = (pair.first, pair.second, first_seen, second_seen, joint)

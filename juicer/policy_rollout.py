@@ -1,20 +1,18 @@
-"""Rollouts of a checkpoint's policy, as collection and evaluation both make them."""
+"""Rollouts of a trained policy, from its checkpoint: where they start, how long they take, and who computes them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 from pydantic import Field
 
-from juicer.artifacts.ref import ArtifactRef
 from juicer.config import Seed, StrictConfig
 from juicer.episode import Episode
-from juicer.progress import Progress
+from juicer.progress import Progress, silent_progress
 from juicer.rollout import rollout
-from juicer.seed_ranges import Purpose, claim
 from juicer.tasks.specification import Randomness
 from juicer.tasks.task_name import TaskName
-from stages.runtime.context import StageContext
 
 
 class RolloutSection(StrictConfig):
@@ -40,27 +38,46 @@ class RolloutConfig(RolloutSection):
 
 
 def roll_out(
-    context: StageContext,
-    checkpoint: ArtifactRef,
+    checkpoint: Path,
+    policy_id: str,
     config: RolloutConfig,
-    purpose: Purpose,
-    max_episodes: int,
-    progress: Progress,
+    seeds: Iterable[int],
+    *,
+    num_envs: int,
+    num_workers: int | None = None,
+    device: str = "cpu",
     stop_after_successes: int | None = None,
+    progress: Progress = silent_progress,
 ) -> Iterator[Episode]:
-    """Episodes of a checkpoint's policy from initial states that belong to ``purpose``, in their order."""
+    """Episodes of a checkpoint's policy; see :func:`juicer.rollout.rollout`.
+
+    Args:
+        checkpoint: Folder of the checkpoint.
+        policy_id: Its id, recorded in every episode.
+        config: Task, randomness, limit of steps and noise; where it starts is said by ``seeds``.
+        seeds: Initial-state seeds.
+        num_envs: Environments that run side by side.
+        num_workers: Threads that step them.
+        device: Torch device that computes the actions.
+        stop_after_successes: Yield nothing after this many successes.
+        progress: Called after every episode.
+
+    Raises:
+        InvalidCheckpoint: If the checkpoint is damaged, or not of the task.
+        ConfigError: If there is no such device.
+    """
     from juicer.policy.checkpoint import load_policy  # torch takes seconds to import
 
     return rollout(
-        load_policy(context.store.open(checkpoint, "checkpoint"), config.task, config.max_steps, context.device),
+        load_policy(checkpoint, config.task, config.max_steps, device),
         config.task,
         config.randomness,
-        claim(purpose, config.first, max_episodes),
-        num_envs=context.num_envs,
+        seeds,
+        num_envs=num_envs,
         max_steps=config.max_steps,
-        policy_id=checkpoint.id,
+        policy_id=policy_id,
         root_seed=config.seed,
         stop_after_successes=stop_after_successes,
-        num_workers=context.workers,
+        num_workers=num_workers,
         progress=progress,
     )

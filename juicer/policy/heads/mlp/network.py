@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from math import prod
 from typing import cast
 
 from torch import Tensor, nn
 from torch.nn import functional
 
-from juicer.policy.config import MLPConfig
-from juicer.policy.head import ActionHead, squared_error
+from juicer.policy.condition import Condition, ConditionSizes, flat, flat_size
+from juicer.policy.head import ActionHead, ChunkShape, squared_error
+from juicer.policy.heads.mlp.config import MLPHeadConfig
 
 
 class ResidualLayer(nn.Module):
@@ -29,23 +31,23 @@ class MLPHead(ActionHead):
     At condition size 272: 11,103,552 parameters for 32 actions of 10, 10,785,802 for one.
     """
 
-    def __init__(self, pred_horizon: int, action_size: int, condition_size: int, config: MLPConfig) -> None:
+    def __init__(self, config: MLPHeadConfig, chunk: ChunkShape, condition: ConditionSizes) -> None:
         super().__init__()
-        self.chunk_shape = (pred_horizon, action_size)
+        self.chunk_shape = chunk
         self.layers = nn.Sequential(
-            nn.Linear(condition_size, config.width),
+            nn.Linear(flat_size(condition), config.width),
             *(ResidualLayer(config.width, config.dropout) for _ in range(config.blocks)),
-            nn.Linear(config.width, pred_horizon * action_size),
+            nn.Linear(config.width, prod(chunk)),
         )
 
-    def compute_loss(self, condition: Tensor, chunk: Tensor) -> Tensor:
+    def compute_loss(self, condition: Condition, chunk: Tensor) -> Tensor:
         """Squared error of every entry, ``(B, T_p, A)``."""
         return squared_error(self(condition), chunk)
 
-    def sample(self, condition: Tensor, noise: Tensor) -> Tensor:
+    def sample(self, condition: Condition, noise: Tensor) -> Tensor:
         """The prediction; it has no randomness, ``noise`` only gives the shape."""
         return cast(Tensor, self(condition))
 
-    def forward(self, condition: Tensor) -> Tensor:
-        """``(B, C) -> (B, T_p, A)``."""
-        return cast(Tensor, self.layers(condition)).reshape(-1, *self.chunk_shape)
+    def forward(self, condition: Condition) -> Tensor:
+        """Chunks ``(B, T_p, A)``."""
+        return cast(Tensor, self.layers(flat(condition))).reshape(-1, *self.chunk_shape)

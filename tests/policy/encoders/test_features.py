@@ -11,10 +11,11 @@ from juicer.geometry import (
     relative_pose,
     rotvec_to_matrix,
 )
-from juicer.policy.config import FeatureSpec, PairSpec, StateObservationConfig
-from juicer.policy.features import state_features
+from juicer.policy.config import FeatureSpec, PairSpec
+from juicer.policy.encoders.features.config import FeaturesConfig
+from juicer.policy.encoders.features.features import state_features
 
-CONFIG = StateObservationConfig()
+CONFIG = FeaturesConfig()
 
 
 def spec_of(*pairs, num_parts=3):
@@ -167,7 +168,7 @@ def test_a_part_is_also_mounted_where_it_was_not_meant_to_go():
 
 
 def test_all_pairs_can_be_shown_side_by_side():
-    everything = features_of(stacked(), TWO_PAIRS, StateObservationConfig(pairs="all"))[0]
+    everything = features_of(stacked(), TWO_PAIRS, FeaturesConfig(pairs="all"))[0]
     np.testing.assert_array_equal(everything[16:], [*alone(LEG, stacked()), *alone(BASE, stacked())])
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from math import prod
 from typing import cast
 
 import torch
 from torch import Tensor, nn
 
-from juicer.policy.config import MLPDenoiserConfig
+from juicer.policy.condition import Condition, ConditionSizes, flat, flat_size
 from juicer.policy.denoiser import Denoiser, StepEmbedding
+from juicer.policy.denoisers.mlp.config import MLPDenoiserConfig
+from juicer.policy.head import ChunkShape
 
 
 class DenseBlock(nn.Sequential):
@@ -25,18 +28,18 @@ class MLPDenoiser(Denoiser):
     a sixth less than SiLU and a quarter less than Mish.
     """
 
-    def __init__(self, pred_horizon: int, action_size: int, condition_size: int, config: MLPDenoiserConfig) -> None:
+    def __init__(self, config: MLPDenoiserConfig, chunk: ChunkShape, condition: ConditionSizes) -> None:
         super().__init__()
-        self.chunk_shape = (pred_horizon, action_size)
-        chunk_size = pred_horizon * action_size
+        self.chunk_shape = chunk
+        chunk_size = prod(chunk)
         self.step_embedding = StepEmbedding(config.step_embedding)
-        self.stem = nn.Linear(chunk_size + config.step_embedding + condition_size, config.width)
+        self.stem = nn.Linear(chunk_size + config.step_embedding + flat_size(condition), config.width)
         self.blocks = nn.ModuleList([DenseBlock(config.width) for _ in range(config.blocks)])
         self.head = nn.Sequential(nn.LayerNorm(config.width), nn.Linear(config.width, chunk_size))
 
-    def forward(self, noisy: Tensor, step: Tensor, condition: Tensor) -> Tensor:
+    def forward(self, noisy: Tensor, step: Tensor, condition: Condition) -> Tensor:
         """See :class:`Denoiser`."""
-        x = self.stem(torch.cat([noisy.flatten(1), self.step_embedding(step), condition], dim=-1))
+        x = self.stem(torch.cat([noisy.flatten(1), self.step_embedding(step), flat(condition)], dim=-1))
         for block in self.blocks:
             x = x + block(x)
         return cast(Tensor, self.head(x)).reshape(-1, *self.chunk_shape)

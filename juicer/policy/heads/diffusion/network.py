@@ -11,11 +11,10 @@ import math
 import torch
 from torch import Tensor
 
-from juicer.policy.config import DiffusionConfig, UNetConfig
-from juicer.policy.denoiser import Denoiser
-from juicer.policy.head import ActionHead, squared_error
-from juicer.policy.mlp_denoiser import MLPDenoiser
-from juicer.policy.unet import UNetDenoiser
+from juicer.policy.condition import Condition, ConditionSizes
+from juicer.policy.denoiser import build_denoiser
+from juicer.policy.head import ActionHead, ChunkShape, squared_error
+from juicer.policy.heads.diffusion.config import DiffusionConfig
 
 COSINE_OFFSET = 0.008
 LARGEST_BETA = 0.999
@@ -46,17 +45,17 @@ def sampling_steps(config: DiffusionConfig) -> list[int]:
 class DiffusionHead(ActionHead):
     """Conditional diffusion over normalised action chunks."""
 
-    def __init__(self, pred_horizon: int, action_size: int, condition_size: int, config: DiffusionConfig) -> None:
+    def __init__(self, config: DiffusionConfig, chunk: ChunkShape, condition: ConditionSizes) -> None:
         super().__init__()
         self.config = config
-        self.denoiser = _build_denoiser(pred_horizon, action_size, condition_size, config)
+        self.denoiser = build_denoiser(config.denoiser, chunk, condition)
         levels = signal_levels(config.train_timesteps)
         self.signal_scale: Tensor
         self.noise_scale: Tensor
         self.register_buffer("signal_scale", levels.sqrt().float(), persistent=False)
         self.register_buffer("noise_scale", (1 - levels).sqrt().float(), persistent=False)
 
-    def compute_loss(self, condition: Tensor, chunk: Tensor) -> Tensor:
+    def compute_loss(self, condition: Condition, chunk: Tensor) -> Tensor:
         """Squared error of the predicted noise, or of the predicted chunk, at one random noise level a sample."""
         noise = torch.randn_like(chunk)
         step = torch.randint(self.config.train_timesteps, (len(chunk),), device=chunk.device)
@@ -64,7 +63,7 @@ class DiffusionHead(ActionHead):
         target = noise if self.config.prediction == "epsilon" else chunk
         return squared_error(self.denoiser(noisy, step, condition), target)
 
-    def sample(self, condition: Tensor, noise: Tensor) -> Tensor:
+    def sample(self, condition: Condition, noise: Tensor) -> Tensor:
         """Walk from noise to a chunk within [-1, 1]."""
         steps = sampling_steps(self.config)
         clean = self._clean_chunk(noise, steps[0], condition)
@@ -76,14 +75,8 @@ class DiffusionHead(ActionHead):
             clean = self._clean_chunk(noisy, next_step, condition)
         return clean
 
-    def _clean_chunk(self, noisy: Tensor, step: int, condition: Tensor) -> Tensor:
+    def _clean_chunk(self, noisy: Tensor, step: int, condition: Condition) -> Tensor:
         output: Tensor = self.denoiser(noisy, torch.full((len(noisy),), step, device=noisy.device), condition)
         if self.config.prediction == "epsilon":
             output = (noisy - self.noise_scale[step] * output) / self.signal_scale[step]
         return output.clamp(-1, 1)
-
-
-def _build_denoiser(pred_horizon: int, action_size: int, condition_size: int, config: DiffusionConfig) -> Denoiser:
-    if isinstance(config.denoiser, UNetConfig):
-        return UNetDenoiser(action_size, condition_size, config.denoiser)
-    return MLPDenoiser(pred_horizon, action_size, condition_size, config.denoiser)

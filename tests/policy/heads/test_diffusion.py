@@ -5,8 +5,9 @@ import torch
 from pydantic import ValidationError
 from torch import nn
 
-from juicer.policy.config import DiffusionConfig, MLPDenoiserConfig
-from juicer.policy.diffusion import DiffusionHead, sampling_steps, signal_levels
+from juicer.policy.denoisers.mlp.config import MLPDenoiserConfig
+from juicer.policy.heads.diffusion.config import DiffusionConfig
+from juicer.policy.heads.diffusion.network import DiffusionHead, sampling_steps, signal_levels
 
 
 class Oracle(nn.Module):
@@ -25,7 +26,11 @@ class Oracle(nn.Module):
 
 def head_of(**settings):
     settings.setdefault("denoiser", MLPDenoiserConfig(width=32, blocks=1))
-    return DiffusionHead(8, 10, 5, DiffusionConfig(**settings))
+    return DiffusionHead(DiffusionConfig(**settings), (8, 10), {"state": (1, 5)})
+
+
+def seen(rows):
+    return {"state": rows[:, None]}
 
 
 def test_the_schedule_is_the_squared_cosine():
@@ -55,11 +60,11 @@ def test_a_perfect_denoiser_is_followed_to_the_clean_chunk(prediction, spacing):
     head = head_of(prediction=prediction, spacing=spacing)
     clean = torch.rand(4, 8, 10) * 1.6 - 0.8
     head.denoiser = Oracle(head, clean)
-    torch.testing.assert_close(head.sample(torch.zeros(4, 5), torch.randn(4, 8, 10)), clean, atol=1e-4, rtol=1e-4)
+    torch.testing.assert_close(head.sample(seen(torch.zeros(4, 5)), torch.randn(4, 8, 10)), clean, atol=1e-4, rtol=1e-4)
 
 
 def test_samples_stay_within_the_training_range():
-    sample = head_of(prediction="sample").sample(100 * torch.randn(4, 5), torch.randn(4, 8, 10))
+    sample = head_of(prediction="sample").sample(seen(100 * torch.randn(4, 5)), torch.randn(4, 8, 10))
     assert sample.abs().max() <= 1
 
 
@@ -67,7 +72,7 @@ def trained(head, condition, chunk, num_steps):
     optimizer = torch.optim.AdamW(head.parameters(), lr=3e-3)
     for _ in range(num_steps):
         optimizer.zero_grad()
-        loss = head.compute_loss(condition, chunk).mean()
+        loss = head.compute_loss(seen(condition), chunk).mean()
         loss.backward()
         optimizer.step()
     return loss.item()
@@ -80,7 +85,7 @@ def test_training_makes_samples_resemble_the_data():
     chunk = 0.5 * condition[:, :1, None].expand(64, 8, 10)
     trained(head, condition, chunk, num_steps=100)
     with torch.no_grad():
-        sample = head.sample(condition, torch.randn_like(chunk))
+        sample = head.sample(seen(condition), torch.randn_like(chunk))
     assert (sample - chunk).abs().mean() < 0.15
 
 

@@ -1,0 +1,1 @@
+"""Residual MLP on the flattened action chunk: the denoiser for CPUs."""

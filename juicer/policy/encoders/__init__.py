@@ -1,0 +1,1 @@
+"""Encoders of observations: a folder each with ``config.py`` and ``network.py``, chosen by ``kind``."""

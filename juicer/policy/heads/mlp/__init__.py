@@ -1,0 +1,1 @@
+"""Regression of the whole action chunk: the baseline."""
