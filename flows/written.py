@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from flows.conditions import defaults
 from flows.shipped import CONFIGS, find_configuration, find_preset, is_name, names, shipped_path
 from juicer.config import read_document
-from juicer.errors import ConfigError
+from juicer.errors import ConfigError, did_you_mean
 from juicer.text import printable
 from juicer.yaml_reading import MOST_DEPTH, Document, Keys, UnreadableYaml, check_plain, read_yaml
 
-BASE_KEY, TASKS_KEY, KIND_KEY = "base", "tasks", "kind"
+BASE_KEY, TASKS_KEY, KIND_KEY, POLICIES_KEY = "base", "tasks", "kind", "policies"
 PATH_KEYS = ("logs", "labels")
 """Keys of the top level, and of each task, that name files: relative to the file that they are written in."""
 ASSIGNED = "--set"
@@ -42,13 +43,15 @@ class Written:
         return Written(values, kept | dict(self.places))
 
     def replacing(self, keys: Sequence[str], value: Any, place: str) -> Written:
-        """The same with one value replaced as a whole.
+        """The same with one value replaced as a whole; names in a list pick from a section, as in another file.
 
         Raises:
             ConfigError: If one of the outer keys holds a value that is no section.
         """
-        kept = {known: old for known, old in self.places.items() if not _is_below(known, {tuple(keys)})}
-        return Written(_replaced(self.values, keys, value, place), {**kept, tuple(keys): place})
+        picked = _picked(self.below(*keys).values, value)
+        replaced: set[Keys] = {tuple(keys)} if picked is value else set()
+        kept = {known: old for known, old in self.places.items() if not _is_below(known, replaced)}
+        return Written(_replaced(self.values, keys, picked, place), {**kept, tuple(keys): place})
 
     def without(self, *left_out: str) -> Written:
         """The same without some keys of the top level."""
@@ -65,6 +68,10 @@ class Written:
         size = len(outer)
         places = {keys[size:]: place for keys, place in self.places.items() if keys[:size] == outer and keys[size:]}
         return Written(values or {}, places)
+
+    def within(self, *outer: str) -> Written:
+        """The same as the content of a section."""
+        return Written(_nested(outer, self.values), {(*outer, *keys): place for keys, place in self.places.items()})
 
     def assigning(self, assignments: Iterable[str], folder: Path | None) -> Written:
         """The same with every ``dotted.key=value`` applied; values are YAML.
@@ -88,6 +95,43 @@ class Written:
                 placed = placed[key]
             result = result.replacing(keys, placed, ASSIGNED)
         return result
+
+
+def settled(written: Written) -> Written:
+    """The same with the policies that come with juicer below its own, and every policy laid over its base.
+
+    Raises:
+        ConfigError: If a policy has no such base, or is a new one and says too little.
+    """
+    if not isinstance(written.values.get(POLICIES_KEY, {}), Mapping):
+        return written  # told where the rest is checked
+    shipped = defaults()[POLICIES_KEY]
+    whole = result = written.over(Written({POLICIES_KEY: shipped}))
+    policies = {name: own for name, own in whole.values[POLICIES_KEY].items() if isinstance(own, Mapping)}
+    for name, own in policies.items():
+        place = whole.place((POLICIES_KEY, name, BASE_KEY)) or POLICIES_KEY
+        base = own.get(BASE_KEY)
+        if base is None:
+            if name not in shipped and not whole.below(POLICIES_KEY, name, "policy", "head").values:
+                known = did_you_mean(name, shipped).rstrip("?")
+                raise ConfigError(
+                    f"{place}: unknown policy '{printable(name)}'{known}; one of your own has a base, or a policy.head"
+                )
+            continue
+        where = f"{place}: {POLICIES_KEY}.{printable(name)}.{BASE_KEY}"
+        if not isinstance(base, str) or base not in policies:
+            raise ConfigError(f"{where}: unknown policy '{printable(base)}'{did_you_mean(str(base), policies)}")
+        if policies[base].get(BASE_KEY) is not None:
+            raise ConfigError(
+                f"{where}: policy '{base}' has a base itself; name that one, '{policies[base][BASE_KEY]}'"
+            )
+        result = result.over(whole.below(POLICIES_KEY, base).within(POLICIES_KEY, name))
+    plain = {name: _without_base(result.values[POLICIES_KEY][name]) for name in whole.values[POLICIES_KEY]}
+    return Written({**result.values, POLICIES_KEY: plain}, result.places)
+
+
+def _without_base(own: Any) -> Any:
+    return {key: value for key, value in own.items() if key != BASE_KEY} if isinstance(own, Mapping) else own
 
 
 def read_written(source: Path | str) -> Written:
@@ -219,7 +263,7 @@ def _assignment(text: str) -> tuple[tuple[str, ...], Any]:
         raise ConfigError(f"{ASSIGNED} '{shown}': the value cannot be read: {error}") from None
 
 
-def _nested(keys: Sequence[str], value: Any) -> dict[str, Any]:
+def _nested(keys: Sequence[str | int], value: Any) -> dict[str, Any]:
     for key in reversed(keys):
         value = {key: value}
     nested: dict[str, Any] = value
@@ -245,9 +289,18 @@ def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> tuple[dict[str
             merged[key], within = _merge(old, value)
             replaced |= {(key, *keys) for keys in within}
         else:
-            merged[key] = value
-            replaced.add((key,))
+            merged[key] = _picked(old, value)
+            if merged[key] is value:
+                replaced.add((key,))
     return merged, replaced
+
+
+def _picked(below: Any, above: Any) -> Any:
+    """What replaces a value: names in a list pick those entries of a section, in their order."""
+    names = above if isinstance(above, list) and all(isinstance(name, str) for name in above) else []
+    if not names or len(set(names)) < len(names) or not isinstance(below, Mapping) or not below:
+        return above
+    return {name: below.get(name) for name in names}
 
 
 def _are_of_one_kind(below: Mapping[str, Any], above: Mapping[str, Any]) -> bool:

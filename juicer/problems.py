@@ -74,7 +74,8 @@ def first_problem(error: ValidationError, content: Any, model: type[BaseModel] |
         remedy = did_you_mean(str(last), known) if known else ""
         return Problem(keys, f"unknown key '{where}'{remedy}")
     message, remedy = _message(details)
-    given = f", got {show(details['input'])}" if where and details["type"] != "missing" else ""
+    is_whole = details["type"] == "missing" or message.endswith("?")  # a question that names what is meant
+    given = f", got {show(details['input'])}" if where and not is_whole else ""
     return Problem(keys, f"{where + ': ' if where else ''}{message}{given}{remedy}")
 
 

@@ -6,7 +6,6 @@ import pytest
 from prefect.utilities.callables import parameter_schema
 
 from flows import deployed
-from flows.conditions import Condition
 from flows.deployed import configured, configured_stage, loop, stage_of_loop, study
 from juicer.errors import ConfigError
 
@@ -42,16 +41,16 @@ def test_an_unchanged_form_trains_for_a_laptop(runs):
     loop.fn()
     (config,) = runs
     assert config.task == "one_leg"
-    assert config.train.diffusion.training.steps == 8000
-    assert config.train.diffusion.policy.head.denoiser.kind == "mlp"
+    assert config.policies["diffusion"].training.steps == 8000
+    assert config.policies["diffusion"].policy.head.denoiser.kind == "mlp"
 
 
 def test_a_task_that_is_chosen_is_the_task_of_every_stage(runs):
-    loop.fn(preset="smoke", task="lamp", condition=Condition.BC, seed=2, overrides=["evaluate.episodes=7"])
-    study.fn(preset="smoke", task="lamp", conditions=[Condition.BC, Condition.TA], seeds=[0, 1])
+    loop.fn(preset="smoke", task="lamp", condition="bc", seed=2, overrides=["evaluate.episodes=7"])
+    study.fn(preset="smoke", task="lamp", conditions=["bc", "ta"], seeds=[0, 1])
     one, several = runs
     assert (one.task, one.condition, one.seed, one.evaluate.episodes) == ("lamp", "bc", 2, 7)
-    assert (several.task, several.conditions, several.seeds) == ("lamp", ("bc", "ta"), (0, 1))
+    assert (several.task, list(several.conditions), several.seeds) == ("lamp", ["bc", "ta"], (0, 1))
     for config in runs:
         assert config.recording.task == config.evaluation.task == "lamp"
 
