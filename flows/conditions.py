@@ -16,8 +16,6 @@ from juicer.text import printable
 
 MOST_ROUNDS = 100
 MOST_DEFINITIONS = 100
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,39}")
-_TITLE = re.compile(r"[\w .,:;+/()=%-]{1,60}")
 
 
 @cache
@@ -33,26 +31,33 @@ def shipped(name: str) -> Condition | None:
     return None if own is None else Condition(**own)
 
 
-def _checked_name(name: str) -> str:
-    if not _NAME.fullmatch(name):
-        raise ValueError("a name must be letters, digits, '_' and '-', a letter first, at most 40 of them")
-    return name
+def _made_of(pattern: str, sentence: str) -> AfterValidator:
+    def check(text: str) -> str:
+        if not re.fullmatch(pattern, text):
+            raise ValueError(sentence)
+        return text
+
+    return AfterValidator(check)
 
 
-def _checked_title(title: str) -> str:
-    if not _TITLE.fullmatch(title):
-        raise ValueError("must be letters, digits, spaces and . , : ; + / ( ) = % _ -, at most 60 of them")
-    return title
-
-
-Name = Annotated[str, AfterValidator(_checked_name)]
+Name = Annotated[
+    str,
+    Field(max_length=40),
+    _made_of(r"[A-Za-z][A-Za-z0-9_-]*", "a name must be letters, digits, '_' and '-', a letter first"),
+]
 """What a configuration calls a policy or a condition."""
+Title = Annotated[
+    str,
+    Field(max_length=60),
+    _made_of(r"[\w .,:;+/()=%-]+", "must be letters, digits, spaces and . , : ; + / ( ) = % _ -"),
+]
+"""What people read instead."""
 
 
 class Condition(StrictConfig):
     """What a condition is made of. Its name stands in no recipe: two that say the same share every artifact."""
 
-    title: Annotated[str, AfterValidator(_checked_title)] = Field(description="what people read; the name if left out")
+    title: Title = Field(description="what people read; the name if left out")
     policy: Name = Field(default="diffusion", description="which of the policies it trains")
     joint_policy: Name | None = Field(
         default=None,

@@ -12,7 +12,7 @@ from pydantic import Field, ValidationInfo, field_serializer, field_validator, m
 
 from flows.conditions import MOST_DEFINITIONS, Condition, Name, check_known, defaults, defined, shipped
 from flows.loop_config import LoopConfig
-from flows.written import POLICIES_KEY, TASKS_KEY, Written, read_written, settled, take_written
+from flows.written import TASKS_KEY, Written, read_written, settled, take_written
 from juicer.config import parse_config
 from juicer.errors import ConfigError, did_you_mean
 from juicer.seed_ranges import SEED_RANGES, Purpose
@@ -22,7 +22,6 @@ from juicer.text import printable
 MOST_SEEDS = 1000
 FLOW_KEY = "flow"
 MIX_KEY = "mix"
-_OLD_POLICIES_KEY = "train"
 DEFAULT_FLOW = "collect_infer"
 
 RunSeed = Annotated[int, Field(ge=0, le=1_000_000)]
@@ -43,14 +42,10 @@ class FlowConfig(LoopConfig):
     def _are_defined(cls, given: Any) -> Any:
         return defined(given)
 
-    @field_validator("conditions")
-    @classmethod
-    def _have_titles_of_their_own(cls, conditions: dict[str, Condition]) -> dict[str, Condition]:
-        names: dict[str, str] = {}
-        for name, condition in conditions.items():
-            if (other := names.setdefault(condition.title, name)) != name:
-                raise ValueError(f"'{other}' and '{name}' must not have the same title, '{condition.title}'")
-        return conditions
+    @model_validator(mode="after")
+    def _is_possible(self) -> Self:
+        _check_run(self)
+        return self
 
     def method(self, name: str) -> Condition:
         """What a condition is made of, whether the configuration says it or juicer."""
@@ -61,7 +56,7 @@ class FlowConfig(LoopConfig):
     @property
     @abstractmethod
     def models(self) -> tuple[tuple[str, int], ...]:
-        """Names of conditions, and seeds, to train."""
+        """Names of conditions, and seeds, to train; seeds outermost."""
 
     @property
     def chosen(self) -> tuple[str, ...]:
@@ -78,7 +73,7 @@ class CollectInferConfig(FlowConfig):
     """One model of one condition."""
 
     flow: Literal["collect_infer"] = "collect_infer"
-    condition: str = "ta_ci"
+    condition: Name = "ta_ci"
     seed: RunSeed = 0
 
     def narrowed(self, conditions: Sequence[str], seeds: Sequence[int]) -> CollectInferConfig:
@@ -110,11 +105,6 @@ class CollectInferConfig(FlowConfig):
     def _is_known(cls, name: str, info: ValidationInfo) -> str:
         check_known(name, {**defaults()["conditions"], **info.data.get("conditions", {name: None})})
         return name
-
-    @model_validator(mode="after")
-    def _is_possible(self) -> Self:
-        _check_run(self)
-        return self
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -167,11 +157,6 @@ class StudyConfig(FlowConfig):
             }
         )
 
-    @model_validator(mode="after")
-    def _is_possible(self) -> Self:
-        _check_run(self)
-        return self
-
     @field_validator("seeds")
     @classmethod
     def _are_distinct(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -204,7 +189,7 @@ _FLOWS: Mapping[str, type[CollectInferConfig] | type[StudyConfig]] = {
 }
 
 
-def _check_run(config: RunConfig) -> None:
+def _check_run(config: FlowConfig) -> None:
     """Refuse at once what would otherwise be noticed after a training.
 
     Raises:
@@ -218,11 +203,12 @@ def _check_run(config: RunConfig) -> None:
             raise ValueError(f"condition {name} needs several tasks; the file that names it must list them under tasks")
         loops = config.mix.values() if condition.joint_policy else (config,)
         for policy in (condition.policy, condition.joint_policy or condition.policy):
-            if any(policy not in loop.policies for loop in (config, *loops)):
-                shown = f"'{policy}'{did_you_mean(policy, config.policies)}"
-                raise ValueError(f"conditions.{name}: there is no policy {shown}")
+            for loop in (config, *loops):
+                if policy not in loop.policies:
+                    near = did_you_mean(policy, loop.policies)
+                    raise ValueError(f"conditions.{name}: there is no policy '{policy}'{near}")
         collecting += [loop.largest_seed(condition) for loop in loops if condition.collect]
-    largest, seed = min(collecting, default=math.inf), max(config.seeds)
+    largest, seed = min(collecting, default=math.inf), max(seed for _, seed in config.models)
     if largest < 0:
         raise ValueError("initial states to collect from run out; lower collect.max_episodes, collect.first or rounds")
     if seed > largest:
@@ -283,7 +269,7 @@ def runs_of(written: Written, origin: str) -> tuple[RunConfig, ...]:
         place = written.place((MIX_KEY,)) or origin
         raise ConfigError(f"{place}: key 'mix' does not go with tasks, which it is made of; leave it out")
     if TASKS_KEY not in written.values or written.values[TASKS_KEY] is None:
-        only = _checked(settled(written.without(TASKS_KEY)), origin)
+        only = settled(written.without(TASKS_KEY))
         return (parse_config(only.values, _FLOWS[flow], origin, only.place),)
     each = _each_task(written, origin)
     fields = LoopConfig.model_fields
@@ -306,25 +292,8 @@ def _each_task(written: Written, origin: str) -> dict[str, Written]:
     for task in names:
         own = written.below(TASKS_KEY, task) if isinstance(written.values[TASKS_KEY], Mapping) else Written({})
         given = {"name": f"{name}_{task}"} if isinstance(name, str) else {}
-        each[task] = _checked(Written({**given, **own.values, "task": task}, own.places).over(common), origin)
-        policies = own.below(POLICIES_KEY).values
-        for policy in policies if isinstance(policies, Mapping) else ():
-            if policy not in (known := common.values[POLICIES_KEY]):
-                place = own.place((POLICIES_KEY, policy)) or origin
-                raise ConfigError(f"{place}: unknown policy '{printable(policy)}'{did_you_mean(policy, known)}")
+        each[task] = settled(Written({**given, **own.values, "task": task}, own.places).over(common))
     return each
-
-
-def _checked(written: Written, origin: str) -> Written:
-    """The same, if it is in the words of today.
-
-    Raises:
-        ConfigError: If a key has another name now.
-    """
-    if _OLD_POLICIES_KEY in written.values:
-        place = written.place((_OLD_POLICIES_KEY,)) or origin
-        raise ConfigError(f"{place}: key 'train' is called 'policies' now, as in policies.diffusion.training.steps")
-    return written
 
 
 def task_names(written: Written, origin: str) -> list[str]:

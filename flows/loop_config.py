@@ -6,11 +6,11 @@ import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from flows.conditions import MOST_DEFINITIONS, MOST_ROUNDS, Condition, Name
+from flows.conditions import MOST_DEFINITIONS, MOST_ROUNDS, Condition, Name, defaults
 from flows.written import POLICIES_KEY, Written, settled
 from juicer.annotation.propose import AnnotationConfig
 from juicer.config import ConfigT, StrictConfig
@@ -32,7 +32,7 @@ LONGEST_PATH, LONGEST_NAME = 4000, 255
 
 
 def _default_policies() -> dict[str, Any]:
-    return dict(settled(Written({})).values[POLICIES_KEY])
+    return dict(settled(Written({POLICIES_KEY: defaults()[POLICIES_KEY]})).values[POLICIES_KEY])
 
 
 class LoopConfig(StrictConfig):
@@ -57,6 +57,8 @@ class LoopConfig(StrictConfig):
         evaluate: The final measurement.
         mix: By task, the loops whose data a model for several tasks is trained on.
     """
+
+    renamed: ClassVar[Mapping[str, str]] = {"train": "'policies', as in policies.diffusion.training.steps"}
 
     name: str = Field(default="juicer", max_length=100)
     task: TaskName = "one_leg"

@@ -69,10 +69,6 @@ class Written:
         places = {keys[size:]: place for keys, place in self.places.items() if keys[:size] == outer and keys[size:]}
         return Written(values or {}, places)
 
-    def within(self, *outer: str) -> Written:
-        """The same as the content of a section."""
-        return Written(_nested(outer, self.values), {(*outer, *keys): place for keys, place in self.places.items()})
-
     def assigning(self, assignments: Iterable[str], folder: Path | None) -> Written:
         """The same with every ``dotted.key=value`` applied; values are YAML.
 
@@ -98,40 +94,32 @@ class Written:
 
 
 def settled(written: Written) -> Written:
-    """The same with the policies that come with juicer below its own, and every policy laid over its base.
+    """The same with every policy laid over its base.
 
     Raises:
-        ConfigError: If a policy has no such base, or is a new one and says too little.
+        ConfigError: If a policy has no such base, or neither a base nor a network.
     """
-    if not isinstance(written.values.get(POLICIES_KEY, {}), Mapping):
+    shipped, policies = defaults()[POLICIES_KEY], written.values.get(POLICIES_KEY)
+    if not isinstance(policies, Mapping):
         return written  # told where the rest is checked
-    shipped = defaults()[POLICIES_KEY]
-    whole = result = written.over(Written({POLICIES_KEY: shipped}))
-    policies = {name: own for name, own in whole.values[POLICIES_KEY].items() if isinstance(own, Mapping)}
-    for name, own in policies.items():
-        place = whole.place((POLICIES_KEY, name, BASE_KEY)) or POLICIES_KEY
-        base = own.get(BASE_KEY)
-        if base is None:
-            if name not in shipped and not whole.below(POLICIES_KEY, name, "policy", "head").values:
-                known = did_you_mean(name, shipped).rstrip("?")
-                raise ConfigError(
-                    f"{place}: unknown policy '{printable(name)}'{known}; one of your own has a base, or a policy.head"
-                )
-            continue
-        where = f"{place}: {POLICIES_KEY}.{printable(name)}.{BASE_KEY}"
-        if not isinstance(base, str) or base not in policies:
-            raise ConfigError(f"{where}: unknown policy '{printable(base)}'{did_you_mean(str(base), policies)}")
-        if policies[base].get(BASE_KEY) is not None:
-            raise ConfigError(
-                f"{where}: policy '{base}' has a base itself; name that one, '{policies[base][BASE_KEY]}'"
+    based = {name: own[BASE_KEY] for name, own in policies.items() if isinstance(own, Mapping) and own.get(BASE_KEY)}
+    bases = [name for name in policies if name not in based]
+    result = written
+    for name in policies:
+        own, base = written.below(POLICIES_KEY, name), based.get(name)
+        where = f"{written.place((POLICIES_KEY, name, BASE_KEY))}: {POLICIES_KEY}.{printable(name)}"
+        if base is not None and base not in bases:
+            near = did_you_mean(str(base), bases)
+            raise ConfigError(f"{where}.{BASE_KEY}: must name a policy without a base, got '{printable(base)}'{near}")
+        if base is not None:
+            own = own.without(BASE_KEY).over(written.below(POLICIES_KEY, base))
+            places = {(POLICIES_KEY, name, *keys): place for keys, place in own.places.items()}
+            result = Written(
+                _replaced(result.values, (POLICIES_KEY, name), own.values, ""), {**places, **result.places}
             )
-        result = result.over(whole.below(POLICIES_KEY, base).within(POLICIES_KEY, name))
-    plain = {name: _without_base(result.values[POLICIES_KEY][name]) for name in whole.values[POLICIES_KEY]}
-    return Written({**result.values, POLICIES_KEY: plain}, result.places)
-
-
-def _without_base(own: Any) -> Any:
-    return {key: value for key, value in own.items() if key != BASE_KEY} if isinstance(own, Mapping) else own
+        elif name not in shipped and isinstance(policies[name], Mapping) and not own.below("policy", "head").values:
+            raise ConfigError(f"{where}: a new policy must have a base or a policy.head{did_you_mean(name, shipped)}")
+    return result
 
 
 def read_written(source: Path | str) -> Written:
@@ -192,13 +180,14 @@ def _shown(path: Path) -> str:
 
 
 def _over_base(written: Written, folder: Path | None) -> Written:
+    lowest = Written({POLICIES_KEY: defaults()[POLICIES_KEY]})
     if BASE_KEY not in written.values:
-        return written
+        return written.over(lowest)
     base, _ = _from_file(_find_base(written.values[BASE_KEY], folder, written.place((BASE_KEY,)) or BASE_KEY))
     if BASE_KEY in base.values:
         place = base.place((BASE_KEY,))
         raise ConfigError(f"{place}: this file is a base itself and must not have one")
-    return written.without(BASE_KEY).over(base)
+    return written.without(BASE_KEY).over(base).over(lowest)
 
 
 def _find_base(text: Any, folder: Path | None, origin: str) -> Path:
@@ -263,7 +252,7 @@ def _assignment(text: str) -> tuple[tuple[str, ...], Any]:
         raise ConfigError(f"{ASSIGNED} '{shown}': the value cannot be read: {error}") from None
 
 
-def _nested(keys: Sequence[str | int], value: Any) -> dict[str, Any]:
+def _nested(keys: Sequence[str], value: Any) -> dict[str, Any]:
     for key in reversed(keys):
         value = {key: value}
     nested: dict[str, Any] = value

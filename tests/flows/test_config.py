@@ -62,8 +62,8 @@ def test_task_and_randomness_reach_every_section_that_does_not_set_its_own(tmp_p
         ("condition: bcc\n", r"condition: unknown condition 'bcc'; did you mean 'bc'\?$"),
         ("flow: study\nseeds: [1, 1]\n", "each may be named only once"),
         (
-            "policies: {mlp_chunked: {policy: {head: {kind: diffusion}}}}\n",
-            "head must be of kind 'mlp', got 'diffusion'",
+            "train: {diffusion: {seed: 3}}\n",
+            r"run\.yaml:1: unknown key 'train'; it is now 'policies', as in .*\.steps$",
         ),
         ("base: gone.yaml\n", r"gone\.yaml' does not exist"),
         ("- 1\n", "must hold a mapping"),
