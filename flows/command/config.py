@@ -52,7 +52,7 @@ def full_content(written: Written, runs: list[RunConfig]) -> dict[str, Any]:
     if tasks:
         loop = {key: value for key, value in loop.items() if key != "task"}
     content |= {key: loop.pop(key) for key in ("name", "task", "randomness") if key in loop}
-    content |= {key: of_flow[key] for key in own if of_flow[key] != {}}
+    loop = {key: of_flow[key] for key in own if of_flow[key] != {}} | loop
     content |= {key: value for key, value in loop.items() if not isinstance(value, dict)}
     return content | loop | ({TASKS_KEY: tasks} if tasks else {})
 
