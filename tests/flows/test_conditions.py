@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
+from pathlib import Path
 
 import pytest
 
@@ -37,6 +39,9 @@ conditions:
 record: {demonstrations: 2}
 evaluate: {episodes: 1, max_steps: 20}
 """
+
+
+DOCUMENTATION = Path(__file__).parents[2] / "docs" / "configuration.md"
 
 
 def write(path, text):
@@ -157,3 +162,12 @@ def test_a_study_is_the_same_after_a_journey_as_json(tmp_path):
     (study,) = load_runs(write(tmp_path / "run.yaml", TWO_HEADS))
     assert StudyConfig.model_validate_json(study.model_dump_json()) == study
     assert StudyConfig().model_dump(mode="json")["conditions"] == list(StudyConfig().conditions)
+
+
+def test_every_configuration_of_the_documentation_is_valid(tmp_path):
+    blocks = re.findall(r"```yaml\n(.*?)```", DOCUMENTATION.read_text(), re.DOTALL)
+    assert len(blocks) >= 4
+    studies = {run.name: run for text in blocks for run in load_runs(write(tmp_path / "run.yaml", text))}
+    heads = studies["my_heads"]
+    assert heads.method("bc_unet").title == "BC, U-Net"
+    assert heads.policies["unet"].policy.head.denoiser.channels == (64, 128, 256)

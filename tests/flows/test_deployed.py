@@ -6,6 +6,7 @@ import pytest
 from prefect.utilities.callables import parameter_schema
 
 from flows import deployed
+from flows.conditions import defaults
 from flows.deployed import configured, configured_stage, loop, stage_of_loop, study
 from juicer.errors import ConfigError
 
@@ -35,6 +36,9 @@ def test_what_is_one_of_few_is_a_choice():
     assert fields["task"]["enum"] == ["one_leg", "round_table", "lamp", "square_table"]
     assert set(fields["preset"]["enum"]) == {"laptop", "paper", "smoke"}
     assert "train" in fields["stage"]["enum"]
+    assert fields["condition"]["enum"] == list(defaults()["conditions"])
+    several = parameter_schema(study.fn).model_dump_for_openapi()["properties"]["conditions"]
+    assert several["items"]["enum"] == fields["condition"]["enum"]
 
 
 def test_an_unchanged_form_trains_for_a_laptop(runs):
