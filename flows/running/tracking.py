@@ -40,7 +40,7 @@ class Tracking:
         description = RunDescription(
             experiment=self._config.name,
             name=f"{condition} seed {seed}",
-            identity={**self._identity, "seed": seed},
+            identity={**self._identity_of(condition), "seed": seed},
             params={**self._params(condition), "seed": seed, **dict(_flat(training, "train."))},
             tags={
                 "condition": condition,
@@ -92,12 +92,17 @@ class Tracking:
             description = RunDescription(
                 experiment=self._config.name,
                 name=self._config.method(condition).title,
-                identity=self._identity,
+                identity=self._identity_of(condition),
                 params=self._params(condition),
                 tags={"condition": condition},
             )
             self._conditions[condition] = RunRecord(self._folder, description)
         return self._conditions[condition]
+
+    def _identity_of(self, condition: str) -> dict[str, Any]:
+        """What tells a condition from one that had the same name in another configuration."""
+        made_of = self._config.method(condition).model_dump(mode="json", exclude={"title"})
+        return {**self._identity, "condition": condition, "made of": made_of}
 
     def _params(self, condition: str) -> dict[str, Any]:
         config = self._config
