@@ -196,3 +196,11 @@ def test_configuration_without_a_file_is_read_like_one():
 def test_mistake_in_a_form_is_told_in_a_sentence(content, message):
     with pytest.raises(ConfigError, match=message):
         parse_runs(content, "the form")
+
+
+def test_names_in_a_list_pick_from_the_section_below(tmp_path):
+    path = write(tmp_path / "run.yaml", "tasks: {lamp: {rounds: 3}, one_leg: {rounds: 2}}\n")
+    (run,) = load_runs(path, ["tasks=[lamp]"])
+    assert (run.task, run.rounds) == ("lamp", 3)
+    written = read_written(path).assigning(["tasks=[lamp]"], None)
+    assert written.place(("tasks", "lamp", "rounds")).endswith("run.yaml:1")
