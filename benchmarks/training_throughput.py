@@ -117,7 +117,7 @@ def main() -> None:
     heads = ("preset", "policy", "parameters", "batch", "ms/step", "samples/s", "sampling", "act 1", "act 16", "act 32")
     print("{:8} {:14} {:>11} {:>5} {:>8} {:>9} {:>8} {:>7} {:>7} {:>7}".format(*heads))
     for name in arguments.presets:
-        for policy, section in read_mapping(PRESETS / f"{name}.yaml")["train"].items():
+        for policy, section in read_mapping(PRESETS / f"{name}.yaml")["policies"].items():
             preset = parse_config(section, PolicyPreset, origin=f"{name}.{policy}")
             with compute_settings(preset.training.threads, "medium"):
                 row = measure_training(episodes, preset, arguments.steps)

@@ -1,56 +1,119 @@
-"""The conditions of a study: which parts of the method each of them uses (paper, Table VI), and open-loop replay."""
+"""Conditions of a study, as data: which parts of the method each uses. Those of the paper come along (Table VI)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import StrEnum
+import re
+from collections.abc import Mapping
+from functools import cache
+from typing import Annotated, Any, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from flows.shipped import CONFIGS
+from juicer.config import StrictConfig, read_mapping
+from juicer.errors import did_you_mean
+from juicer.text import printable
+
+MOST_ROUNDS = 100
+MOST_DEFINITIONS = 100
 
 
-class Condition(StrEnum):
-    """Name of a condition in configuration files."""
-
-    REPLAY = "replay"
-    BC = "bc"
-    STATE_NOISE = "state_noise"
-    TA = "ta"
-    CI = "ci"
-    TA_CI = "ta_ci"
-    MLP_CHUNKED = "mlp_chunked"
-    MLP_UNCHUNKED = "mlp_unchunked"
-    MULTITASK = "multitask"
+@cache
+def defaults() -> Mapping[str, Mapping[str, Any]]:
+    """The policies and conditions that come with juicer, by name, as a configuration would write them."""
+    return read_mapping(CONFIGS / "defaults" / "conditions.yaml")
 
 
-@dataclass(frozen=True)
-class Method:
-    """What a condition is made of.
+@cache
+def shipped(name: str) -> Condition | None:
+    """The condition of that name as it comes with juicer; none if there is no such."""
+    own = defaults()["conditions"].get(name)
+    return None if own is None else Condition(**own)
 
-    Attributes:
-        title: As the paper writes it.
-        augments: Whether corrective episodes are added.
-        collects: Whether it retrains on its own successes.
-        adds_noise: Whether observed states are perturbed in training.
-        policy: Which entry of a configuration's section ``train`` it trains.
-        replays: Whether it plays demonstrations instead of training on them.
-        mixes: Whether one model is trained on the data of several tasks.
+
+def _made_of(pattern: str, sentence: str) -> AfterValidator:
+    def check(text: str) -> str:
+        if not re.fullmatch(pattern, text):
+            raise ValueError(sentence)
+        return text
+
+    return AfterValidator(check)
+
+
+Name = Annotated[
+    str,
+    Field(max_length=40),
+    _made_of(r"[A-Za-z][A-Za-z0-9_-]*", "a name must be letters, digits, '_' and '-', a letter first"),
+]
+"""What a configuration calls a policy or a condition."""
+Title = Annotated[
+    str,
+    Field(max_length=60),
+    _made_of(r"[\w .,:;+/()=%-]+", "must be letters, digits, spaces and . , : ; + / ( ) = % _ -"),
+]
+"""What people read instead."""
+
+
+class Condition(StrictConfig):
+    """What a condition is made of. Its name stands in no recipe: two that say the same share every artifact."""
+
+    title: Title = Field(description="what people read; the name if left out")
+    policy: Name = Field(default="diffusion", description="which of the policies it trains")
+    joint_policy: Name | None = Field(
+        default=None,
+        description="which of the policies one model for all tasks is, trained on the data of them all; "
+        "without, every task has models of its own",
+    )
+    augment: bool = Field(default=False, description="whether corrective episodes are added")
+    collect: bool = Field(default=False, description="whether it retrains on its own successes")
+    rounds: int | None = Field(
+        default=None, gt=0, le=MOST_ROUNDS, description="how often it does; as the top level says if left out"
+    )
+    state_noise: bool = Field(default=False, description="whether observed states are perturbed in training")
+    replay: bool = Field(default=False, description="whether it plays demonstrations instead of learning from them")
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> Self:
+        if self.replay and (self.augment or self.collect or self.state_noise or self.joint_policy):
+            raise ValueError("what replays trains nothing: leave out augment, collect, state_noise and joint_policy")
+        if self.rounds and not self.collect:
+            raise ValueError("rounds are those of a condition that collects: add collect: true, or leave them out")
+        return self
+
+
+def defined(given: Any) -> Any:
+    """Whole definitions of conditions, by name.
+
+    Args:
+        given: A list of names that come with juicer; or, by name, what differs from the one that comes along, or what a
+            condition of one's own is.
+
+    Raises:
+        ValueError: If nothing is known of a name, or it is there twice.
     """
+    if isinstance(given, list | tuple) and all(isinstance(name, str) for name in given):
+        if len(set(given)) < len(given):
+            raise ValueError("each may be named only once")
+        given = dict.fromkeys(given, None)
+    if not isinstance(given, Mapping):
+        raise ValueError("must be a list of conditions, or map their names to what they are")
+    return {name: _definition(name, own) for name, own in given.items()}
 
-    title: str
-    augments: bool = False
-    collects: bool = False
-    adds_noise: bool = False
-    policy: str = "diffusion"
-    replays: bool = False
-    mixes: bool = False
+
+def _definition(name: str, own: Any) -> Any:
+    known = defaults()["conditions"]
+    if own in (None, {}):
+        # Else a slip of the keyboard would be a condition of its own.
+        check_known(name, known)
+        return known[name]
+    return {**known.get(name, {"title": name}), **own} if isinstance(own, Mapping) else own
 
 
-METHODS = {
-    Condition.REPLAY: Method("Replay", replays=True),
-    Condition.BC: Method("BC"),
-    Condition.STATE_NOISE: Method("State noise", adds_noise=True),
-    Condition.TA: Method("TA", augments=True),
-    Condition.CI: Method("CI", collects=True),
-    Condition.TA_CI: Method("TA+CI", augments=True, collects=True),
-    Condition.MLP_CHUNKED: Method("MLP-C", policy="mlp_chunked"),
-    Condition.MLP_UNCHUNKED: Method("MLP-NC", policy="mlp_unchunked"),
-    Condition.MULTITASK: Method("Multi-task", augments=True, collects=True, mixes=True),
-}
+def check_known(name: str, known: Mapping[str, Any]) -> None:
+    """Refuse a condition that nobody defined.
+
+    Raises:
+        ValueError: If it is none of ``known``.
+    """
+    if name not in known:
+        raise ValueError(f"unknown condition '{printable(name)}'{did_you_mean(name, known)}")

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_serializer, field_validator, model_validator
 
-from flows.conditions import METHODS, Condition
+from flows.conditions import MOST_DEFINITIONS, Condition, Name, check_known, defaults, defined, shipped
 from flows.loop_config import LoopConfig
-from flows.written import TASKS_KEY, Written, read_written, take_written
+from flows.written import TASKS_KEY, Written, read_written, settled, take_written
 from juicer.config import parse_config
 from juicer.errors import ConfigError, did_you_mean
 from juicer.seed_ranges import SEED_RANGES, Purpose
@@ -27,14 +28,55 @@ RunSeed = Annotated[int, Field(ge=0, le=1_000_000)]
 """Number of a model among those that are trained alike."""
 
 
-class CollectInferConfig(LoopConfig):
+class FlowConfig(LoopConfig):
+    """What both flows have in common.
+
+    Attributes:
+        conditions: What conditions are made of, by name.
+    """
+
+    conditions: dict[Name, Condition] = Field(default={}, max_length=MOST_DEFINITIONS)
+
+    @field_validator("conditions", mode="before")
+    @classmethod
+    def _are_defined(cls, given: Any) -> Any:
+        return defined(given)
+
+    @model_validator(mode="after")
+    def _is_possible(self) -> Self:
+        _check_run(self)
+        return self
+
+    def method(self, name: str) -> Condition:
+        """What a condition is made of, whether the configuration says it or juicer."""
+        found = self.conditions.get(name) or shipped(name)
+        assert found is not None, f"condition {name} was not checked"
+        return found
+
+    @property
+    @abstractmethod
+    def models(self) -> tuple[tuple[str, int], ...]:
+        """Names of conditions, and seeds, to train; seeds outermost."""
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """Names of the conditions that are trained, in order."""
+        return tuple(dict.fromkeys(name for name, _ in self.models))
+
+    @property
+    def is_joint(self) -> bool:
+        """Whether one of the models is for several tasks."""
+        return any(self.method(name).joint_policy for name in self.chosen)
+
+
+class CollectInferConfig(FlowConfig):
     """One model of one condition."""
 
     flow: Literal["collect_infer"] = "collect_infer"
-    condition: Condition = Condition.TA_CI
+    condition: Name = "ta_ci"
     seed: RunSeed = 0
 
-    def narrowed(self, conditions: Sequence[Condition], seeds: Sequence[int]) -> CollectInferConfig:
+    def narrowed(self, conditions: Sequence[str], seeds: Sequence[int]) -> CollectInferConfig:
         """The same for another condition or seed; as it is where none is given.
 
         Raises:
@@ -50,15 +92,19 @@ class CollectInferConfig(LoopConfig):
                 update[key] = values[0]
         return parse_config({**dict(self), **update}, CollectInferConfig, origin="the chosen part")
 
-    @model_validator(mode="after")
-    def _is_possible(self) -> Self:
-        _check_run(self)
-        return self
+    @model_validator(mode="before")
+    @classmethod
+    def _says_which_condition(cls, content: Any) -> Any:
+        defines = isinstance(content, Mapping) and content.get("conditions")
+        if defines and not (isinstance(defines, Mapping) and "condition" in content):
+            raise ValueError("conditions are those of a study: add flow: study, or say which is trained as condition")
+        return content
 
-    @property
-    def conditions(self) -> tuple[Condition, ...]:
-        """The only condition."""
-        return (self.condition,)
+    @field_validator("condition")
+    @classmethod
+    def _is_known(cls, name: str, info: ValidationInfo) -> str:
+        check_known(name, {**defaults()["conditions"], **info.data.get("conditions", {name: None})})
+        return name
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -66,61 +112,73 @@ class CollectInferConfig(LoopConfig):
         return (self.seed,)
 
     @property
-    def models(self) -> tuple[tuple[Condition, int], ...]:
+    def models(self) -> tuple[tuple[str, int], ...]:
         """The only model."""
         return ((self.condition, self.seed),)
 
 
-class StudyConfig(LoopConfig):
-    """Conditions times seeds, compared."""
+def _all_of_the_paper() -> dict[str, Any]:
+    """Every condition that comes with juicer and needs one task only."""
+    return {name: own for name, own in defaults()["conditions"].items() if "joint_policy" not in own}
+
+
+class StudyConfig(FlowConfig):
+    """Conditions times seeds, compared.
+
+    Attributes:
+        conditions: What is compared: what each condition is made of, by name.
+    """
 
     flow: Literal["study"] = "study"
-    conditions: tuple[Condition, ...] = Field(
-        default=tuple(condition for condition in Condition if not METHODS[condition].mixes),
-        min_length=1,
-        max_length=len(Condition),
+    conditions: dict[Name, Condition] = Field(
+        default_factory=_all_of_the_paper, min_length=1, max_length=MOST_DEFINITIONS
     )
     seeds: tuple[RunSeed, ...] = Field(default=(0, 1, 2, 3, 4), min_length=1, max_length=MOST_SEEDS)
 
-    def narrowed(self, conditions: Sequence[Condition], seeds: Sequence[int]) -> StudyConfig:
+    def narrowed(self, conditions: Sequence[str], seeds: Sequence[int]) -> StudyConfig:
         """The same with some conditions or seeds only, in the study's order; with all of them where none is given.
 
         Raises:
             ConfigError: If the study has no such condition or seed.
         """
-        for condition in conditions:
-            if condition not in self.conditions:
-                raise ConfigError(f"the study has no condition '{condition}'{did_you_mean(condition, self.conditions)}")
+        for name in conditions:
+            if name not in self.conditions:
+                shown = f"'{printable(name)}'{did_you_mean(name, self.conditions)}"
+                raise ConfigError(f"the study has no condition {shown}")
         for seed in seeds:
             if seed not in self.seeds:
                 raise ConfigError(f"the study has no seed {seed}; its seeds are {', '.join(map(str, self.seeds))}")
         return self.model_copy(
             update={
-                "conditions": tuple(each for each in self.conditions if not conditions or each in conditions),
+                "conditions": {
+                    name: own for name, own in self.conditions.items() if not conditions or name in conditions
+                },
                 "seeds": tuple(each for each in self.seeds if not seeds or each in seeds),
             }
         )
 
-    @model_validator(mode="after")
-    def _is_possible(self) -> Self:
-        _check_run(self)
-        return self
-
-    @field_validator("conditions", "seeds")
+    @field_validator("seeds")
     @classmethod
     def _are_distinct(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
         if len(set(values)) < len(values):
             raise ValueError("each may be named only once")
         return values
 
+    @field_serializer("conditions")
+    def _as_written(self, conditions: dict[str, Condition]) -> list[str] | dict[str, Any]:
+        """Names alone, if all of them are as they come with juicer."""
+        if all(own == shipped(name) for name, own in conditions.items()):
+            return list(conditions)
+        return {name: own.model_dump(mode="json") for name, own in conditions.items()}
+
     @property
-    def models(self) -> tuple[tuple[Condition, int], ...]:
+    def models(self) -> tuple[tuple[str, int], ...]:
         """Conditions and seeds to train, seeds outermost; what has no randomness has the first seed only."""
         return tuple(
-            (condition, seed)
+            (name, seed)
             for seed in self.seeds
-            for condition in self.conditions
-            if seed == self.seeds[0] or not METHODS[condition].replays
+            for name, condition in self.conditions.items()
+            if seed == self.seeds[0] or not condition.replay
         )
 
 
@@ -131,20 +189,26 @@ _FLOWS: Mapping[str, type[CollectInferConfig] | type[StudyConfig]] = {
 }
 
 
-def _check_run(config: RunConfig) -> None:
+def _check_run(config: FlowConfig) -> None:
     """Refuse at once what would otherwise be noticed after a training.
 
     Raises:
-        ValueError: If a model is for several tasks and there are none, or finds no initial states to collect from or to
-            be evaluated on.
+        ValueError: If a condition has no such policy, a model is for several tasks and there are none, or finds no
+            initial states to collect from or to be evaluated on.
     """
-    methods = [METHODS[condition] for condition in config.conditions]
-    if any(method.mixes for method in methods) and len(config.mix) < 2:
-        raise ValueError("condition multitask needs several tasks; the file that names it must list them under tasks")
-    collecting = [
-        loop for method in methods if method.collects for loop in (config.mix.values() if method.mixes else (config,))
-    ]
-    largest, seed = min((loop.largest_seed for loop in collecting), default=math.inf), max(config.seeds)
+    collecting = []
+    for name in config.chosen:
+        condition = config.method(name)
+        if condition.joint_policy and len(config.mix) < 2:
+            raise ValueError(f"condition {name} needs several tasks; the file that names it must list them under tasks")
+        loops = config.mix.values() if condition.joint_policy else (config,)
+        for policy in (condition.policy, condition.joint_policy or condition.policy):
+            for loop in (config, *loops):
+                if policy not in loop.policies:
+                    near = did_you_mean(policy, loop.policies)
+                    raise ValueError(f"conditions.{name}: there is no policy '{policy}'{near}")
+        collecting += [loop.largest_seed(condition) for loop in loops if condition.collect]
+    largest, seed = min(collecting, default=math.inf), max(seed for _, seed in config.models)
     if largest < 0:
         raise ValueError("initial states to collect from run out; lower collect.max_episodes, collect.first or rounds")
     if seed > largest:
@@ -204,35 +268,31 @@ def runs_of(written: Written, origin: str) -> tuple[RunConfig, ...]:
     if MIX_KEY in written.values and TASKS_KEY in written.values:
         place = written.place((MIX_KEY,)) or origin
         raise ConfigError(f"{place}: key 'mix' does not go with tasks, which it is made of; leave it out")
-    return tuple(parse_config(each.values, _FLOWS[flow], origin, each.place) for each in _each_task(written, origin))
+    if TASKS_KEY not in written.values or written.values[TASKS_KEY] is None:
+        only = settled(written.without(TASKS_KEY))
+        return (parse_config(only.values, _FLOWS[flow], origin, only.place),)
+    each = _each_task(written, origin)
+    fields = LoopConfig.model_fields
+    loops = {
+        task: parse_config({key: own.values[key] for key in own.values if key in fields}, LoopConfig, origin, own.place)
+        for task, own in each.items()
+    }
+    runs = [parse_config({**own.values, MIX_KEY: loops}, _FLOWS[flow], origin, own.place) for own in each.values()]
+    # Other tasks are no concern of a run unless one of its models learns them all.
+    return tuple(run if run.is_joint else run.model_copy(update={MIX_KEY: {}}) for run in runs)
 
 
-def _each_task(written: Written, origin: str) -> list[Written]:
-    """One configuration for each task; one with the condition ``multitask`` is told of all."""
-    if written.values.get(TASKS_KEY) is None:
-        return [written.without(TASKS_KEY)]
+def _each_task(written: Written, origin: str) -> dict[str, Written]:
+    """By task, what was written for all of them and what differs for it."""
     names = task_names(written, origin)
-    common = written.without(TASKS_KEY)
-    is_mapping = isinstance(written.values[TASKS_KEY], Mapping)
-    own = {task: written.below(TASKS_KEY, task) if is_mapping else Written({}) for task in names}
-    mixes = names_mix(written)
-    if mixes:
-        # Settled before the tasks have their say: it is one model, whichever of them asks for it.
-        policies = common.values.get("train", {})
-        if isinstance(policies, Mapping):
-            one = policies.get("multitask") or policies.get("diffusion", {})
-            common = Written({**common.values, "train": {**policies, "multitask": one}}, common.places)
+    # The policies are settled before the tasks have their say: one for several tasks is the same whoever asks for it.
+    common = settled(written.without(TASKS_KEY))
     name = common.values.get("name", LoopConfig.model_fields["name"].default)
-    each = []
-    for task, differing in own.items():
+    each = {}
+    for task in names:
+        own = written.below(TASKS_KEY, task) if isinstance(written.values[TASKS_KEY], Mapping) else Written({})
         given = {"name": f"{name}_{task}"} if isinstance(name, str) else {}
-        each.append(Written({**given, **differing.values, "task": task}, differing.places).over(common))
-    if mixes:
-        fields = LoopConfig.model_fields
-        loops = {
-            loop.values["task"]: {key: value for key, value in loop.values.items() if key in fields} for loop in each
-        }
-        each = [Written({**loop.values, "mix": loops}, loop.places) for loop in each]
+        each[task] = settled(Written({**given, **own.values, "task": task}, own.places).over(common))
     return each
 
 
@@ -260,10 +320,3 @@ def task_names(written: Written, origin: str) -> list[str]:
             if key in written.below(TASKS_KEY, name).values:
                 raise ConfigError(f"{place}: tasks.{name} must not have a '{key}' of its own")
     return names
-
-
-def names_mix(written: Written) -> bool:
-    """Whether a configuration asks for a model for several tasks."""
-    conditions = written.values.get("conditions")
-    named: Iterable[Any] = conditions if isinstance(conditions, list) else ()
-    return Condition.MULTITASK in [written.values.get("condition"), *named]

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from prefect import flow
 from pydantic import Field, WithJsonSchema
 
-from flows.conditions import Condition
+from flows.conditions import defaults
 from flows.config import RunConfig, parse_runs
 from flows.running.body import run, task_runner
 from flows.running.execution import RunOutcome
@@ -21,6 +21,8 @@ from juicer.tasks.task_name import TaskName
 from stages.runtime.names import STAGES
 
 Preset = Annotated[str, WithJsonSchema({"type": "string", "enum": names(PRESETS)})]
+ConditionName = Annotated[str, WithJsonSchema({"type": "string", "enum": list(defaults()["conditions"])})]
+"""A condition of the presets; those of one's own are for a configuration that is pasted."""
 StageName = Annotated[str, WithJsonSchema({"type": "string", "enum": list(STAGES)})]
 Pasted = Annotated[str, Field(json_schema_extra={"format": "json-string"})]
 """YAML; the format has Prefect's page show a field of several lines."""
@@ -33,7 +35,7 @@ _SETTINGS: Any = {"task_runner": task_runner(), "persist_result": False}
 def loop(
     preset: Preset = "laptop",
     task: TaskName = "one_leg",
-    condition: Condition = Condition.TA_CI,
+    condition: ConditionName = "ta_ci",
     seed: int = 0,
     overrides: list[str] = [],  # noqa: B006 (Prefect copies it, and shows it in the form)
 ) -> RunOutcome:
@@ -47,7 +49,7 @@ def loop(
         seed: Number of the model among those that are trained alike.
         overrides: Further values, each as KEY=VALUE, for instance record.demonstrations=20 or randomness=med.
     """
-    content = {"base": preset, "task": task, "condition": condition.value, "seed": seed}
+    content = {"base": preset, "task": task, "condition": condition, "seed": seed}
     return run(_only(content, overrides))
 
 
@@ -55,7 +57,7 @@ def loop(
 def study(
     preset: Preset = "laptop",
     task: TaskName = "one_leg",
-    conditions: list[Condition] = [Condition.BC, Condition.TA_CI],  # noqa: B006 (as above)
+    conditions: list[ConditionName] = ["bc", "ta_ci"],  # noqa: B006 (as above)
     seeds: list[int] = [0],  # noqa: B006 (as above)
     overrides: list[str] = [],  # noqa: B006 (as above)
 ) -> RunOutcome:
@@ -73,7 +75,7 @@ def study(
         "flow": "study",
         "base": preset,
         "task": task,
-        "conditions": [condition.value for condition in conditions],
+        "conditions": conditions,
         "seeds": seeds,
     }
     return run(_only(content, overrides))
@@ -96,7 +98,7 @@ def stage_of_loop(
     stage: StageName = "train",
     preset: Preset = "laptop",
     task: TaskName = "one_leg",
-    condition: Condition = Condition.TA_CI,
+    condition: ConditionName = "ta_ci",
     seed: int = 0,
     overrides: list[str] = [],  # noqa: B006 (as above)
     force: bool = False,
@@ -112,7 +114,7 @@ def stage_of_loop(
         overrides: As in that run.
         force: Whether to compute it even if its artifact is in the store.
     """
-    content = {"base": preset, "task": task, "condition": condition.value, "seed": seed}
+    content = {"base": preset, "task": task, "condition": condition, "seed": seed}
     return run_stage(stage, [_only(content, overrides)], force=force)
 
 

@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from flows.conditions import METHODS, Condition
+from flows.conditions import Condition
+from flows.config import RunConfig
 from flows.loop_config import LoopConfig
 from juicer.artifacts.ref import ArtifactRef
 from juicer.demonstration.log import SUFFIX
@@ -30,14 +31,16 @@ class ModelOutcome:
     """What became of one model.
 
     Attributes:
-        condition: Its condition.
+        condition: Name of its condition.
+        title: What people read instead.
         seed: Its seed.
         checkpoint: The last one trained.
         evaluation: How it did.
         finding: Why it learned from less than it should, as a sentence.
     """
 
-    condition: Condition
+    condition: str
+    title: str
     seed: int
     checkpoint: ArtifactRef
     evaluation: ArtifactRef
@@ -65,29 +68,31 @@ class _Data:
     findings: tuple[str, ...] = ()
 
 
-def run_model(session: Session, config: LoopConfig, condition: Condition, seed: int) -> ModelOutcome:
+def run_model(session: Session, config: RunConfig, name: str, seed: int) -> ModelOutcome:
     """Train and evaluate the model of a condition and seed; whatever is in the store is reused.
 
     A model that finds nothing to retrain on is evaluated as it is: a condition's average must not leave out its worst.
     """
-    method = METHODS[condition]
-    findings: tuple[str, ...] = ()
-    if method.mixes:
-        return _run_mixed(session, config, condition, seed)
-    if method.replays:
+    condition = config.method(name)
+    findings: list[str] = []
+    if condition.replay:
         demonstrations = get_demonstrations(session, config)
         checkpoint = memorise(session, episodes=demonstrations, config=MemoriseConfig())
+    elif condition.joint_policy:
+        checkpoint, findings = _train_jointly(session, config, condition, seed)
     else:
         data = _gather(session, config, condition, seed)
         session = data.session
         checkpoint = _train(session, config, config.final_training(condition, seed), [data])
-        findings = (*data.findings, *_findings(session, checkpoint))
+        findings = [*data.findings, *_findings(session, checkpoint)]
     evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluation)
-    return ModelOutcome(condition, seed, checkpoint, evaluation, "; ".join(findings))
+    return ModelOutcome(name, condition.title, seed, checkpoint, evaluation, "; ".join(findings))
 
 
-def _run_mixed(session: Session, config: LoopConfig, condition: Condition, seed: int) -> ModelOutcome:
-    """One model for several tasks, evaluated on the task of ``config``; it can do without the successes of one."""
+def _train_jointly(
+    session: Session, config: LoopConfig, condition: Condition, seed: int
+) -> tuple[ArtifactRef, list[str]]:
+    """One model for several tasks, and what it had to do without; it can do without the successes of one."""
     gathered = {
         task: _gather(session.for_model(f"{session.label} {task}", session.record), loop, condition, seed)
         for task, loop in config.mix.items()
@@ -95,10 +100,8 @@ def _run_mixed(session: Session, config: LoopConfig, condition: Condition, seed:
     # It is one model, whichever task's run asks for it.
     first = next(iter(config.mix.values()))
     checkpoint = _train(session, first, config.final_training(condition, seed), gathered.values())
-    evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluation)
     findings = [f"{task}: {finding}" for task, data in gathered.items() for finding in data.findings]
-    findings += _findings(session, checkpoint)
-    return ModelOutcome(condition, seed, checkpoint, evaluation, "; ".join(findings))
+    return checkpoint, [*findings, *_findings(session, checkpoint)]
 
 
 def _train(session: Session, config: LoopConfig, training: TrainConfig, gathered: Iterable[_Data]) -> ArtifactRef:
@@ -116,17 +119,17 @@ def _train(session: Session, config: LoopConfig, training: TrainConfig, gathered
 
 def _gather(session: Session, config: LoopConfig, condition: Condition, seed: int) -> _Data:
     """Data of one task: demonstrations, corrective episodes, and what models trained on these achieve themselves."""
-    method, training = METHODS[condition], config.training(condition, seed)
+    training = config.training(condition, seed)
     demonstrations = get_demonstrations(session, config)
-    data = _data(session, config, demonstrations, config.augment if method.augments else None)
-    for turn in range(1, config.rounds + 1) if method.collects else ():
+    data = _data(session, config, demonstrations, config.augment if condition.augment else None)
+    for turn in range(1, config.turns(condition) + 1):
         checkpoint = _train(data.session, config, training, [data])
         session = session.for_round(turn)
         rollouts = collect(session, checkpoint=checkpoint, config=config.collection(seed, turn))
         selection = select(session, episodes=rollouts, config=config.select)
         if finding := _findings(session, selection):
             return replace(data, findings=(*data.findings, *finding))
-        augmentation = (config.augment_retraining or config.augment) if method.augments else None
+        augmentation = (config.augment_retraining or config.augment) if condition.augment else None
         data = _data(session, config, demonstrations, augmentation, (*data.selections, (rollouts, selection)))
     return data
 

@@ -6,22 +6,21 @@ import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from flows.conditions import METHODS, Condition
+from flows.conditions import MOST_DEFINITIONS, MOST_ROUNDS, Condition, Name, defaults
+from flows.written import POLICIES_KEY, Written, settled
 from juicer.annotation.propose import AnnotationConfig
 from juicer.config import ConfigT, StrictConfig
 from juicer.demonstration.ingestion import IngestionConfig, IngestionSection
-from juicer.policy.config import HorizonConfig, PolicyConfig
-from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import Randomness
 from juicer.tasks.task_name import TaskName
 from juicer.text import printable
-from juicer.training.config import OriginalStateNoise, PhysicalStateNoise, TrainingConfig, WindowConfig
+from juicer.training.config import OriginalStateNoise, PhysicalStateNoise
 from juicer.training.mixing import DatasetConfig
 from stages.augment import AugmentConfig
 from stages.collect import CollectConfig, CollectSection
@@ -30,48 +29,11 @@ from stages.record import RecordConfig, RecordSection
 from stages.select import SelectConfig
 from stages.train import TrainConfig
 
-MOST_ROUNDS = 100
 LONGEST_PATH, LONGEST_NAME = 4000, 255
 
 
-class ChunkedConfig(TrainConfig):
-    """Training of the regression baseline that predicts chunks."""
-
-    policy: PolicyConfig = PolicyConfig(head=MLPHeadConfig())
-
-
-class UnchunkedConfig(TrainConfig):
-    """Training of the regression baseline that predicts one action at a time."""
-
-    policy: PolicyConfig = PolicyConfig(head=MLPHeadConfig(), horizons=HorizonConfig(pred=1, action=1))
-    training: TrainingConfig = TrainingConfig(windows=WindowConfig(back_padding=0))
-
-
-class PoliciesConfig(StrictConfig):
-    """The policies of the paper's comparison, and how each is trained.
-
-    Attributes:
-        diffusion: The method's own policy.
-        mlp_chunked: The regression baseline that predicts chunks.
-        mlp_unchunked: The regression baseline that predicts one action at a time.
-        multitask: The policy for several tasks; a file about several trains it like ``diffusion`` if it is left out.
-    """
-
-    diffusion: TrainConfig = TrainConfig()
-    mlp_chunked: ChunkedConfig = ChunkedConfig()
-    mlp_unchunked: UnchunkedConfig = UnchunkedConfig()
-    multitask: TrainConfig | None = None
-
-    @model_validator(mode="after")
-    def _are_what_they_are_called(self) -> Self:
-        kinds = {"diffusion": "diffusion", "mlp_chunked": "mlp", "mlp_unchunked": "mlp", "multitask": "diffusion"}
-        for name, kind in kinds.items():
-            config: TrainConfig | None = getattr(self, name)
-            if config is not None and (found := config.policy.head.kind) != kind:
-                raise ValueError(f"{name}.policy.head must be of kind '{kind}', got '{found}'")
-        if self.mlp_unchunked.policy.horizons.pred != 1:
-            raise ValueError("mlp_unchunked.policy.horizons.pred must be 1; that is what unchunked means")
-        return self
+def _default_policies() -> dict[str, Any]:
+    return dict(settled(Written({POLICIES_KEY: defaults()[POLICIES_KEY]})).values[POLICIES_KEY])
 
 
 class LoopConfig(StrictConfig):
@@ -89,14 +51,16 @@ class LoopConfig(StrictConfig):
         augment: Corrective episodes of the first training.
         augment_retraining: The same for retraining, if it differs (the paper's one_leg: 50, and then 150).
         dataset: Which of the episodes that there are in the end are learned from, and how much each counts.
-        train: The policies.
-        state_noise: What the condition of that name adds to observed states.
-        rounds: Turns of collect, select, train in the conditions that collect.
+        policies: By name, what is trained and how.
+        state_noise: What is added to observed states in the conditions that ask for it.
+        rounds: Turns of collect, select, train in the conditions that collect and have no number of their own.
         collect: Rollouts of a turn.
         select: Which of them are kept.
         evaluate: The final measurement.
         mix: By task, the loops whose data a model for several tasks is trained on.
     """
+
+    renamed: ClassVar[Mapping[str, str]] = {"train": "'policies', as in policies.diffusion.training.steps"}
 
     name: str = Field(default="juicer", max_length=100)
     task: TaskName = "one_leg"
@@ -109,7 +73,7 @@ class LoopConfig(StrictConfig):
     augment: AugmentConfig = AugmentConfig()
     augment_retraining: AugmentConfig | None = None
     dataset: DatasetConfig = DatasetConfig()
-    train: PoliciesConfig = PoliciesConfig()
+    policies: dict[Name, TrainConfig] = Field(default_factory=_default_policies, max_length=MOST_DEFINITIONS)
     state_noise: Annotated[PhysicalStateNoise | OriginalStateNoise, Field(discriminator="kind")] = PhysicalStateNoise()
     rounds: int = Field(default=1, gt=0, le=MOST_ROUNDS)
     collect: CollectSection = CollectSection()
@@ -175,27 +139,27 @@ class LoopConfig(StrictConfig):
 
     def training(self, condition: Condition, seed: int) -> TrainConfig:
         """How a condition trains the model of a seed."""
-        method = METHODS[condition]
-        config: TrainConfig = getattr(self.train, method.policy)
+        config = self.policies[condition.policy]
         training = config.training
-        if method.adds_noise:
+        if condition.state_noise:
             training = training.model_copy(update={"state_noise": self.state_noise})
         return config.model_copy(update={"training": training, "seed": config.seed + seed})
 
     def final_training(self, condition: Condition, seed: int) -> TrainConfig:
         """The same for the model that is evaluated, which may be one for several tasks."""
-        config = self.train.multitask
-        if config is None or not METHODS[condition].mixes:
-            return self.training(condition, seed)
-        return config.model_copy(update={"seed": config.seed + seed})
+        policy = condition.joint_policy or condition.policy
+        return self.training(condition.model_copy(update={"policy": policy}), seed)
+
+    def turns(self, condition: Condition) -> int:
+        """How often a condition collects, selects and trains again."""
+        return (condition.rounds or self.rounds) if condition.collect else 0
 
     def collection(self, seed: int, round_index: int) -> CollectConfig:
         """Rollouts of a turn; every model and turn starts from initial states of its own."""
         turn = seed * MOST_ROUNDS + round_index - 1
         return self._of_stage(self.collect, CollectConfig, first=self.collect.first + turn * self.collect.max_episodes)
 
-    @property
-    def largest_seed(self) -> int:
+    def largest_seed(self, condition: Condition) -> int:
         """The last seed whose models find initial states to collect from; below 0 if there is none."""
         turns = (len(SEED_RANGES[Purpose.COLLECTION]) - self.collect.first) // self.collect.max_episodes
-        return (turns - self.rounds) // MOST_ROUNDS
+        return (turns - self.turns(condition)) // MOST_ROUNDS

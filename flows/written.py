@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from flows.conditions import defaults
 from flows.shipped import CONFIGS, find_configuration, find_preset, is_name, names, shipped_path
 from juicer.config import read_document
-from juicer.errors import ConfigError
+from juicer.errors import ConfigError, did_you_mean
 from juicer.text import printable
 from juicer.yaml_reading import MOST_DEPTH, Document, Keys, UnreadableYaml, check_plain, read_yaml
 
-BASE_KEY, TASKS_KEY, KIND_KEY = "base", "tasks", "kind"
+BASE_KEY, TASKS_KEY, KIND_KEY, POLICIES_KEY = "base", "tasks", "kind", "policies"
 PATH_KEYS = ("logs", "labels")
 """Keys of the top level, and of each task, that name files: relative to the file that they are written in."""
 ASSIGNED = "--set"
@@ -42,13 +43,15 @@ class Written:
         return Written(values, kept | dict(self.places))
 
     def replacing(self, keys: Sequence[str], value: Any, place: str) -> Written:
-        """The same with one value replaced as a whole.
+        """The same with one value replaced as a whole; names in a list pick from a section, as in another file.
 
         Raises:
             ConfigError: If one of the outer keys holds a value that is no section.
         """
-        kept = {known: old for known, old in self.places.items() if not _is_below(known, {tuple(keys)})}
-        return Written(_replaced(self.values, keys, value, place), {**kept, tuple(keys): place})
+        picked = _picked(self.below(*keys).values, value)
+        replaced: set[Keys] = {tuple(keys)} if picked is value else set()
+        kept = {known: old for known, old in self.places.items() if not _is_below(known, replaced)}
+        return Written(_replaced(self.values, keys, picked, place), {**kept, tuple(keys): place})
 
     def without(self, *left_out: str) -> Written:
         """The same without some keys of the top level."""
@@ -88,6 +91,35 @@ class Written:
                 placed = placed[key]
             result = result.replacing(keys, placed, ASSIGNED)
         return result
+
+
+def settled(written: Written) -> Written:
+    """The same with every policy laid over its base.
+
+    Raises:
+        ConfigError: If a policy has no such base, or neither a base nor a network.
+    """
+    shipped, policies = defaults()[POLICIES_KEY], written.values.get(POLICIES_KEY)
+    if not isinstance(policies, Mapping):
+        return written  # told where the rest is checked
+    based = {name: own[BASE_KEY] for name, own in policies.items() if isinstance(own, Mapping) and own.get(BASE_KEY)}
+    bases = [name for name in policies if name not in based]
+    result = written
+    for name in policies:
+        own, base = written.below(POLICIES_KEY, name), based.get(name)
+        where = f"{written.place((POLICIES_KEY, name, BASE_KEY))}: {POLICIES_KEY}.{printable(name)}"
+        if base is not None and base not in bases:
+            near = did_you_mean(str(base), bases)
+            raise ConfigError(f"{where}.{BASE_KEY}: must name a policy without a base, got '{printable(base)}'{near}")
+        if base is not None:
+            own = own.without(BASE_KEY).over(written.below(POLICIES_KEY, base))
+            places = {(POLICIES_KEY, name, *keys): place for keys, place in own.places.items()}
+            result = Written(
+                _replaced(result.values, (POLICIES_KEY, name), own.values, ""), {**places, **result.places}
+            )
+        elif name not in shipped and isinstance(policies[name], Mapping) and not own.below("policy", "head").values:
+            raise ConfigError(f"{where}: a new policy must have a base or a policy.head{did_you_mean(name, shipped)}")
+    return result
 
 
 def read_written(source: Path | str) -> Written:
@@ -148,13 +180,14 @@ def _shown(path: Path) -> str:
 
 
 def _over_base(written: Written, folder: Path | None) -> Written:
+    lowest = Written({POLICIES_KEY: defaults()[POLICIES_KEY]})
     if BASE_KEY not in written.values:
-        return written
+        return written.over(lowest)
     base, _ = _from_file(_find_base(written.values[BASE_KEY], folder, written.place((BASE_KEY,)) or BASE_KEY))
     if BASE_KEY in base.values:
         place = base.place((BASE_KEY,))
         raise ConfigError(f"{place}: this file is a base itself and must not have one")
-    return written.without(BASE_KEY).over(base)
+    return written.without(BASE_KEY).over(base).over(lowest)
 
 
 def _find_base(text: Any, folder: Path | None, origin: str) -> Path:
@@ -245,9 +278,18 @@ def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> tuple[dict[str
             merged[key], within = _merge(old, value)
             replaced |= {(key, *keys) for keys in within}
         else:
-            merged[key] = value
-            replaced.add((key,))
+            merged[key] = _picked(old, value)
+            if merged[key] is value:
+                replaced.add((key,))
     return merged, replaced
+
+
+def _picked(below: Any, above: Any) -> Any:
+    """What replaces a value: names in a list pick those entries of a section, in their order."""
+    names = above if isinstance(above, list) and all(isinstance(name, str) for name in above) else []
+    if not names or len(set(names)) < len(names) or not isinstance(below, Mapping) or not below:
+        return above
+    return {name: below.get(name) for name in names}
 
 
 def _are_of_one_kind(below: Mapping[str, Any], above: Mapping[str, Any]) -> bool:

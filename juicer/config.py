@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationError
 from pydantic_core import CoreSchema
@@ -36,6 +36,9 @@ class StrictConfig(BaseModel):
     No value is turned into another kind: neither ``true`` into 1 nor 1 into ``true``, nor a text into a number.
     Infinity and NaN are refused everywhere. Every size, list and text of a configuration has bounds.
     """
+
+    renamed: ClassVar[Mapping[str, str]] = {}
+    """By the name that a key once had, what it is called now."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, allow_inf_nan=False)
 

@@ -90,12 +90,14 @@ class ConditionResult:
     """A row of the comparison in the form of the paper's Table VI.
 
     Attributes:
-        condition: Its name, e.g. ``TA+CI``.
+        condition: Its name, e.g. ``ta_ci``.
+        title: What people read instead, e.g. ``TA+CI``.
         models: One result a trained model.
         interval: 95 % interval of the average, over models and episodes.
     """
 
     condition: str
+    title: str
     models: tuple[ModelResult, ...]
     interval: Interval
 
@@ -120,14 +122,14 @@ class ConditionResult:
         return sum(len(model.successes) for model in self.models)
 
 
-def summarise(condition: str, models: Sequence[ModelResult]) -> ConditionResult:
+def summarise(condition: str, models: Sequence[ModelResult], title: str = "") -> ConditionResult:
     """Condition's row, with its interval; the same models give the same interval."""
     interval = hierarchical_interval(
         [sum(model.successes) for model in models],
         [len(model.successes) for model in models],
         stream(0, "hierarchical interval"),
     )
-    return ConditionResult(condition, tuple(models), interval)
+    return ConditionResult(condition, title or condition, tuple(models), interval)
 
 
 @dataclass(frozen=True)
@@ -135,8 +137,8 @@ class PairedComparison:
     """Two conditions on the same initial states (McNemar's exact test).
 
     Attributes:
-        first: Name of the first condition.
-        second: Name of the second.
+        first: Title of the first condition.
+        second: Title of the second.
         first_only: Episodes in which only the first succeeded.
         second_only: Episodes in which only the second succeeded.
         num_pairs: Episodes compared.
@@ -166,15 +168,15 @@ def compare(first: ConditionResult, second: ConditionResult) -> PairedComparison
     seconds = {model.seed: model for model in second.models}
     pairs = [(model, seconds[model.seed]) for model in first.models if model.seed in seconds]
     if not pairs:
-        raise ConfigError(f"'{first.condition}' and '{second.condition}' have no training seed in common")
+        raise ConfigError(f"'{first.title}' and '{second.title}' have no training seed in common")
     if any(left.initial_states != right.initial_states for left, right in pairs):
-        raise ConfigError(f"'{first.condition}' and '{second.condition}' were evaluated on different initial states")
+        raise ConfigError(f"'{first.title}' and '{second.title}' were evaluated on different initial states")
     left = np.concatenate([pair[0].successes for pair in pairs])
     right = np.concatenate([pair[1].successes for pair in pairs])
     first_only, second_only = int(np.sum(left & ~right)), int(np.sum(~left & right))
     return PairedComparison(
-        first=first.condition,
-        second=second.condition,
+        first=first.title,
+        second=second.title,
         first_only=first_only,
         second_only=second_only,
         num_pairs=len(left),

@@ -70,11 +70,16 @@ def first_problem(error: ValidationError, content: Any, model: type[BaseModel] |
     where = printable(".".join(map(str, keys)))
     if details["type"] == "extra_forbidden":
         *parents, last = details["loc"]
-        known = {name for owner in _models_at(model, parents) for name in owner.model_fields} if model else set()
+        owners = list(_models_at(model, parents)) if model else []
+        known = {name for owner in owners for name in owner.model_fields}
         remedy = did_you_mean(str(last), known) if known else ""
+        for owner in owners:
+            if new := getattr(owner, "renamed", {}).get(last):
+                remedy = f"; it is now {new}"
         return Problem(keys, f"unknown key '{where}'{remedy}")
     message, remedy = _message(details)
-    given = f", got {show(details['input'])}" if where and details["type"] != "missing" else ""
+    is_whole = details["type"] == "missing" or message.endswith("?")  # a question that names what is meant
+    given = f", got {show(details['input'])}" if where and not is_whole else ""
     return Problem(keys, f"{where + ': ' if where else ''}{message}{given}{remedy}")
 
 
@@ -114,6 +119,8 @@ def _said_keys(location: Sequence[str | int], content: Any) -> tuple[str | int, 
     """A location without the tags of unions, which nobody wrote."""
     keys: list[str | int] = []
     value = content
+    # "[key]" says that a key itself is wrong.
+    location = [key for key in location if key != "[key]"]
     for place, key in enumerate(location, start=1):
         below = _at(value, key)
         if below is None and place < len(location) and isinstance(value, Mapping):

@@ -21,7 +21,7 @@ class Preset(StrictConfig):
 
 
 def presets(name):
-    sections = read_mapping(PRESETS / f"{name}.yaml")["train"]
+    sections = read_mapping(PRESETS / f"{name}.yaml")["policies"]
     return {policy: parse_config(section, Preset, origin=policy) for policy, section in sections.items()}
 
 

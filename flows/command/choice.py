@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from flows.conditions import Condition
 from juicer.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
@@ -30,7 +29,7 @@ class Choice:
     source: str
     overrides: tuple[str, ...] = ()
     tasks: tuple[str, ...] = ()
-    conditions: tuple[Condition, ...] = ()
+    conditions: tuple[str, ...] = ()
     seeds: tuple[int, ...] = ()
 
     @classmethod
@@ -45,26 +44,25 @@ class Choice:
         """From the options of a command.
 
         Raises:
-            ConfigError: If something is chosen twice, or a condition does not exist.
+            ConfigError: If something is chosen twice.
         """
         for name, words in {"--task": tasks, "--condition": conditions, "--seed": seeds}.items():
             if words and len(set(words)) < len(words):
                 raise ConfigError(f"{name}: each may be given only once, got {', '.join(map(str, words))}")
-        chosen = tuple(map(Condition, conditions or ()))
-        return cls(source, tuple(overrides or ()), tuple(tasks or ()), chosen, tuple(seeds or ()))
+        return cls(source, tuple(overrides or ()), tuple(tasks or ()), tuple(conditions or ()), tuple(seeds or ()))
 
     def written(self) -> Written:
         """What was written of the chosen part; the configuration must be valid.
 
         A model for several tasks needs all of them, whichever it is evaluated on: they stay in it then.
         """
-        from flows.config import FLOW_KEY, names_mix
-        from flows.written import TASKS_KEY, read_written
+        from flows.config import FLOW_KEY
+        from flows.written import TASKS_KEY, read_written, settled
 
         written = read_written(self.source).assigning(self.overrides, Path.cwd())
         is_study = written.values.get(FLOW_KEY) == "study"
         for option, key, chosen in (
-            ("--condition", "condition", [condition.value for condition in self.conditions]),
+            ("--condition", "condition", list(self.conditions)),
             ("--seed", "seed", list(self.seeds)),
         ):
             if chosen:
@@ -72,13 +70,13 @@ class Choice:
                     (f"{key}s" if is_study else key,), chosen if is_study else chosen[0], option
                 )
         tasks = written.values.get(TASKS_KEY)
-        if self.tasks and tasks and not names_mix(written):
+        if self.tasks and tasks and not any(run.is_joint for run in self.runs()):
             if isinstance(tasks, dict):
                 kept: object = {task: own for task, own in tasks.items() if task in self.tasks}
             else:
                 kept = [task for task in tasks if task in self.tasks]
             written = replace(written, values={**written.values, TASKS_KEY: kept})
-        return written
+        return settled(written)
 
     def runs(self) -> list[RunConfig]:
         """The chosen part, one run a task.

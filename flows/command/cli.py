@@ -10,8 +10,7 @@ from typing import Annotated
 
 import typer
 
-from flows.command.options import CommandLine, choice, complete_configuration
-from flows.conditions import Condition
+from flows.command.options import CommandLine, choice, complete_condition, complete_configuration
 from flows.servers.proxies import bypass_proxies_on_loopback
 from flows.shipped import CONFIGS, names
 from flows.terminal.output import say_error
@@ -55,7 +54,12 @@ Overrides = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
 Conditions = Annotated[
     list[str] | None,
-    typer.Option("--condition", help="Only this condition of a study. Repeatable.", **choice(Condition)),
+    typer.Option(
+        "--condition",
+        metavar="NAME",
+        help="Only this condition of a study, e.g. ta_ci; its configuration names them. Repeatable.",
+        autocompletion=complete_condition,
+    ),
 ]
 Seeds = Annotated[list[int] | None, typer.Option("--seed", min=0, help="Only this seed of a study. Repeatable.")]
 Tasks = Annotated[

@@ -48,6 +48,13 @@ def complete_configuration(incomplete: str) -> list[str]:
     return found
 
 
+def complete_condition(incomplete: str) -> list[str]:
+    """Conditions that come with juicer; a configuration may have others."""
+    from flows.conditions import defaults  # takes a moment to import
+
+    return [name for name in defaults()["conditions"] if name.startswith(incomplete)]
+
+
 class OnceCommand(TyperCommand):
     """A command that refuses an option which is given twice and counts once."""
 

@@ -206,7 +206,7 @@ def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore) -
 
     rows = [
         [
-            row.condition,
+            row.title,
             f"{row.average:.0%}",
             f"{row.interval[0]:.0%} to {row.interval[1]:.0%}",
             f"{row.best:.0%}",

@@ -48,7 +48,7 @@ def _show(outcome: RunOutcome, store: ArtifactStore) -> None:
     """The comparison on the flow run's page."""
     rows = [
         {
-            "condition": row.condition,
+            "condition": row.title,
             "average": f"{row.average:.0%}",
             "95 % interval": f"{row.interval[0]:.0%} to {row.interval[1]:.0%}",
             "best": f"{row.best:.0%}",

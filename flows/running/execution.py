@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 from urllib.parse import urlsplit
 
-from flows.conditions import METHODS, Condition
 from flows.config import RunConfig
 from flows.loop import ModelOutcome, run_model
 from flows.running.settings import read_settings
@@ -41,11 +40,7 @@ class RunOutcome:
     @property
     def findings(self) -> tuple[str, ...]:
         """Why some models learned from less than they should."""
-        return tuple(
-            f"{METHODS[model.condition].title}, seed {model.seed}: {model.finding}"
-            for model in self.models
-            if model.finding
-        )
+        return tuple(f"{model.title}, seed {model.seed}: {model.finding}" for model in self.models if model.finding)
 
     def results(self, store: ArtifactStore) -> list[ConditionResult]:
         """Rows of the comparison."""
@@ -56,7 +51,7 @@ class RunOutcome:
         return {
             "models": [
                 {
-                    "condition": model.condition.value,
+                    "condition": model.condition,
                     "seed": model.seed,
                     "checkpoint": str(model.checkpoint),
                     "evaluation": str(model.evaluation),
@@ -67,6 +62,7 @@ class RunOutcome:
             "table": [
                 {
                     "condition": row.condition,
+                    "title": row.title,
                     "average": row.average,
                     "interval": list(row.interval),
                     "best": row.best,
@@ -121,7 +117,7 @@ def run_models(
 
 
 def _chain(
-    session: Session, config: RunConfig, condition: Condition, seed: int, tracking: Tracking | None
+    session: Session, config: RunConfig, condition: str, seed: int, tracking: Tracking | None
 ) -> Callable[[], ModelOutcome]:
     def chain() -> ModelOutcome:
         outcome = run_model(session, config, condition, seed)
@@ -146,7 +142,7 @@ def _wait(futures: Sequence[Future[ModelOutcome]], session: Session) -> None:
 def _rows(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tuple[ReportRow, ...]]:
     return (
         tuple(model.evaluation for model in models),
-        tuple(ReportRow(condition=METHODS[model.condition].title, seed=model.seed) for model in models),
+        tuple(ReportRow(condition=model.condition, title=model.title, seed=model.seed) for model in models),
     )
 
 

@@ -91,11 +91,11 @@ def explainer(store: ArtifactStore, config: RunConfig, planned: Sequence[Planned
 def _section(config: RunConfig, recipe: Recipe) -> str:
     """Where a configuration holds the settings of a stage call; of two sections that say the same, the first."""
     if recipe.stage == "train":
-        for name, section in config.train:
-            if section is None or section.training.steps != recipe.config["training"]["steps"]:
+        for name, section in config.policies.items():
+            if section.training.steps != recipe.config["training"]["steps"]:
                 continue
             if section.policy.model_dump(mode="json") == recipe.config["policy"]:
-                return f"train.{name}"
+                return f"policies.{name}"
     retraining = config.augment_retraining
     if recipe.stage == "augment" and retraining not in (None, config.augment):
         return "augment" if config.augment.model_dump(mode="json") == recipe.config else "augment_retraining"

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from flows.conditions import METHODS, Condition
 from flows.config import RunConfig
 from juicer.artifacts.code_version import code_version
 from juicer.evaluation import ConditionResult
@@ -31,20 +30,20 @@ class Tracking:
         code = {name: code_version(f"stages.{name}") for name in STAGES}
         self._identity = {"config": content, "code": code}
         self._lock = threading.Lock()
-        self._conditions: dict[Condition, RunRecord] = {}
-        self._models: dict[tuple[Condition, int], RunRecord] = {}
+        self._conditions: dict[str, RunRecord] = {}
+        self._models: dict[tuple[str, int], RunRecord] = {}
 
-    def model(self, condition: Condition, seed: int) -> ModelRecord:
+    def model(self, condition: str, seed: int) -> ModelRecord:
         """Record of one model."""
-        trained = not METHODS[condition].replays
-        training = self._config.final_training(condition, seed).model_dump(mode="json") if trained else {}
+        method = self._config.method(condition)
+        training = {} if method.replay else self._config.final_training(method, seed).model_dump(mode="json")
         description = RunDescription(
             experiment=self._config.name,
             name=f"{condition} seed {seed}",
-            identity={**self._identity, "seed": seed},
+            identity={**self._identity_of(condition), "seed": seed},
             params={**self._params(condition), "seed": seed, **dict(_flat(training, "train."))},
             tags={
-                "condition": condition.value,
+                "condition": condition,
                 "seed": str(seed),
                 "juicer.model": f"{self._config.task}.{condition}",
                 "juicer.alias": f"seed-{seed}",
@@ -55,18 +54,17 @@ class Tracking:
             self._models[condition, seed] = record
         return ModelRecord(record)
 
-    def finish(self, condition: Condition, seed: int) -> None:
+    def finish(self, condition: str, seed: int) -> None:
         """The model of a condition and seed is done, whatever becomes of the others."""
         self._models[condition, seed].close(FINISHED)
 
     def whole(self) -> ModelRecord:
         """Record of what concerns all models: that of the last condition."""
         with self._lock:
-            return ModelRecord(self._condition(self._config.conditions[-1]))
+            return ModelRecord(self._condition(self._config.chosen[-1]))
 
     def conclude(self, results: Sequence[ConditionResult]) -> None:
         """Note what the conditions came to."""
-        titles = {METHODS[condition].title: record for condition, record in self._conditions.items()}
         for result in results:
             low, high = result.interval
             metrics = {
@@ -77,7 +75,7 @@ class Tracking:
                 "episodes": result.num_episodes,
                 "models": result.num_models,
             }
-            titles[result.condition].result(metrics, markdown_table(results))
+            self._conditions[result.condition].result(metrics, markdown_table(results))
 
     def close(self, status: str) -> None:
         """End every record; those of finished models, and of conditions with no other, end well in any case."""
@@ -86,22 +84,27 @@ class Tracking:
                 if record.status != FINISHED:
                     record.close(status)
             for condition, record in self._conditions.items():
-                of_models = {model.status for key, model in self._models.items() if key[0] is condition}
+                of_models = {model.status for key, model in self._models.items() if key[0] == condition}
                 record.close(FINISHED if of_models == {FINISHED} else status)
 
-    def _condition(self, condition: Condition) -> RunRecord:
+    def _condition(self, condition: str) -> RunRecord:
         if condition not in self._conditions:
             description = RunDescription(
                 experiment=self._config.name,
-                name=METHODS[condition].title,
-                identity=self._identity,
+                name=self._config.method(condition).title,
+                identity=self._identity_of(condition),
                 params=self._params(condition),
-                tags={"condition": condition.value},
+                tags={"condition": condition},
             )
             self._conditions[condition] = RunRecord(self._folder, description)
         return self._conditions[condition]
 
-    def _params(self, condition: Condition) -> dict[str, Any]:
+    def _identity_of(self, condition: str) -> dict[str, Any]:
+        """What tells a condition from one that had the same name in another configuration."""
+        made_of = self._config.method(condition).model_dump(mode="json", exclude={"title"})
+        return {**self._identity, "condition": condition, "made of": made_of}
+
+    def _params(self, condition: str) -> dict[str, Any]:
         config = self._config
         # As the stages get them: with the task and the randomness that a section leaves to the top level.
         of_stages = {
@@ -112,7 +115,7 @@ class Tracking:
         }
         content = config.model_dump(mode="json", include=set(_SHARED_PARAMS))
         content |= {name: section.model_dump(mode="json") for name, section in of_stages.items()}
-        return {"condition": condition.value, **dict(_flat(content))}
+        return {"condition": condition, **dict(_flat(content))}
 
 
 def _flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -14,15 +14,22 @@ from juicer.storage.evaluations import read_evaluation
 
 
 class ReportRow(StrictConfig):
-    """Whose evaluation the one at the same place is."""
+    """Whose evaluation the one at the same place is.
+
+    Attributes:
+        condition: Name of the condition.
+        title: What people read instead.
+        seed: Seed of the model.
+    """
 
     condition: str
+    title: str
     seed: int
 
     @property
     def label(self) -> str:
         """E.g. ``TA+CI, seed 0``."""
-        return f"{self.condition}, seed {self.seed}"
+        return f"{self.title}, seed {self.seed}"
 
 
 def condition_results(
@@ -44,7 +51,8 @@ def condition_results(
             successes=tuple(entry.outcome is Outcome.SUCCESS for entry in table),
         )
         models.setdefault(row.condition, []).append(result)
-    return [summarise(condition, results) for condition, results in models.items()]
+    titles = {row.condition: row.title for row in rows}
+    return [summarise(condition, results, titles[condition]) for condition, results in models.items()]
 
 
 def comparisons(results: Sequence[ConditionResult]) -> Iterator[PairedComparison]:
@@ -63,7 +71,7 @@ def markdown_table(results: Sequence[ConditionResult]) -> str:
         "|---|---:|---:|---:|---:|---:|",
     ]
     lines += [
-        f"| {row.condition} | {row.average:.0%} | {row.interval[0]:.0%} to {row.interval[1]:.0%} "
+        f"| {row.title} | {row.average:.0%} | {row.interval[0]:.0%} to {row.interval[1]:.0%} "
         f"| {row.best:.0%} | {row.num_models} | {row.num_episodes} |"
         for row in results
     ]

@@ -20,7 +20,7 @@ class Funnel:
     """How far the episodes of a condition got.
 
     Attributes:
-        condition: Name of the condition, as in its :class:`~juicer.evaluation.ConditionResult`.
+        condition: Title of the condition, as in its :class:`~juicer.evaluation.ConditionResult`.
         num_episodes: Episodes evaluated.
         reached: Episodes that reached each milestone, in the task's order; the last one is success.
     """
@@ -69,7 +69,7 @@ class DatasetSize:
     """What a condition was trained on, in the form of the paper's Table V.
 
     Attributes:
-        condition: Name of the condition.
+        condition: Title of the condition.
         episodes: Episodes by source (``teleop``, ``rollout``, ``augmentation``), mean over its models.
         timesteps: Timesteps by source, mean over its models.
         unused: Those of them at which no training window begins, as their episodes are too short for one.
@@ -166,7 +166,7 @@ class EvaluatedModel:
     """A trained model and every episode it was evaluated on.
 
     Attributes:
-        condition: Name of the condition.
+        condition: Title of the condition.
         seed: Root seed of its training.
         evaluation: Id of the evaluation.
         checkpoint: Id of the checkpoint.

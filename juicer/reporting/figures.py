@@ -77,7 +77,7 @@ def success_figure(results: Sequence[ConditionResult]) -> str:
             if len(rates) > 1:
                 axes.plot(rates, np.full(len(rates), row), "o", color=MUTED, markersize=4, markeredgewidth=0)
             axes.plot(result.average, row, "o", color=ACCENT, markersize=9, markeredgewidth=0)
-        axes.set_yticks(range(len(results)), [printable(result.condition, _LONGEST_NAME) for result in results])
+        axes.set_yticks(range(len(results)), [printable(result.title, _LONGEST_NAME) for result in results])
         axes.set_ylim(len(results) - 0.4, -0.6)
         axes.set_xlim(-0.02, 1.02)
         axes.xaxis.set_major_formatter(PercentFormatter(1.0))

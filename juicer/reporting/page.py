@@ -120,7 +120,7 @@ def _headline(results: Sequence[ConditionResult]) -> str:
     best = max(results, key=lambda result: result.average)
     low, high = best.interval
     return (
-        f"{best.condition} succeeds in {_percent(best.average)} of {_number(best.num_episodes)} episodes "
+        f"{best.title} succeeds in {_percent(best.average)} of {_number(best.num_episodes)} episodes "
         f"(95% interval {100 * low:.0f} to {_percent(high)})"
     )
 

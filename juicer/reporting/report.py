@@ -33,6 +33,7 @@ def gather(
 ) -> ReportData:
     """Everything the page shows."""
     results = condition_results(store, evaluations, rows)
+    named = {row.condition for row in rows}
     sources = Sources(store, evaluations, rows)
     curves = tuple(sources.curves())
     return ReportData(
@@ -41,7 +42,7 @@ def gather(
         facts={**facts, **sources.facts()},
         findings=(*findings, *sources.problems),
         results=tuple(results),
-        paper=PAPER_TABLE_VI.get(task, {}),
+        paper={name: figures for name, figures in PAPER_TABLE_VI.get(task, {}).items() if name in named},
         comparisons=tuple(comparisons(results)),
         funnels=tuple(sources.funnels()),
         curves=curves,

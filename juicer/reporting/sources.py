@@ -88,7 +88,7 @@ class Sources:
         for row, manifest in zip(self._rows, self._evaluations, strict=True):
             checkpoint = checkpoint_of(manifest)
             yield EvaluatedModel(
-                condition=row.condition,
+                condition=row.title,
                 seed=row.seed,
                 evaluation=manifest.ref.id,
                 checkpoint=checkpoint.id if checkpoint else "",
@@ -182,9 +182,10 @@ class Sources:
             return tuple(dict.fromkeys(name for row in self._tables[evaluation.ref] for name in row.milestones))
 
     def _by_condition(self) -> Iterator[tuple[str, list[Manifest]]]:
-        for condition in dict.fromkeys(row.condition for row in self._rows):
+        """Titles of the conditions, and the evaluations of each."""
+        for condition, title in {row.condition: row.title for row in self._rows}.items():
             pairs = zip(self._rows, self._evaluations, strict=True)
-            yield condition, [manifest for row, manifest in pairs if row.condition == condition]
+            yield title, [manifest for row, manifest in pairs if row.condition == condition]
 
     def _of_stage(self, name: str) -> list[Manifest]:
         return [manifest for manifest in self._known.values() if manifest and manifest.recipe.stage == name]
@@ -200,11 +201,11 @@ class Sources:
         """Which model acts with a checkpoint, or grew out of it, and the group in which its curve is drawn."""
         for row, evaluation in zip(self._rows, self._evaluations, strict=True):
             if checkpoint_of(evaluation) == checkpoint.ref:
-                return row.label, row.condition
+                return row.label, row.title
         for row, ref in zip(self._rows, self._refs, strict=True):
             if checkpoint.ref in ancestors_of(self._known, [ref]):
                 tasks = ", ".join(checkpoint.summary["tasks"])
-                return f"{row.label}, before retraining, {tasks}", f"{row.condition}, before retraining"
+                return f"{row.label}, before retraining, {tasks}", f"{row.title}, before retraining"
         return checkpoint.ref.id, "other"
 
 

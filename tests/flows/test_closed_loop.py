@@ -18,7 +18,7 @@ RUN = [
     "--set=conditions=[ta_ci]",
     "--set=record.demonstrations=10",
     "--set=augment.num_snippets=32",
-    "--set=train.diffusion.training.steps=1500",
+    "--set=policies.diffusion.training.steps=1500",
     "--set=collect.successes=1",
     "--set=evaluate.episodes=2",
 ]

@@ -6,7 +6,7 @@ import pytest
 from prefect.utilities.callables import parameter_schema
 
 from flows import deployed
-from flows.conditions import Condition
+from flows.conditions import defaults
 from flows.deployed import configured, configured_stage, loop, stage_of_loop, study
 from juicer.errors import ConfigError
 
@@ -36,22 +36,25 @@ def test_what_is_one_of_few_is_a_choice():
     assert fields["task"]["enum"] == ["one_leg", "round_table", "lamp", "square_table"]
     assert set(fields["preset"]["enum"]) == {"laptop", "paper", "smoke"}
     assert "train" in fields["stage"]["enum"]
+    assert fields["condition"]["enum"] == list(defaults()["conditions"])
+    several = parameter_schema(study.fn).model_dump_for_openapi()["properties"]["conditions"]
+    assert several["items"]["enum"] == fields["condition"]["enum"]
 
 
 def test_an_unchanged_form_trains_for_a_laptop(runs):
     loop.fn()
     (config,) = runs
     assert config.task == "one_leg"
-    assert config.train.diffusion.training.steps == 8000
-    assert config.train.diffusion.policy.head.denoiser.kind == "mlp"
+    assert config.policies["diffusion"].training.steps == 8000
+    assert config.policies["diffusion"].policy.head.denoiser.kind == "mlp"
 
 
 def test_a_task_that_is_chosen_is_the_task_of_every_stage(runs):
-    loop.fn(preset="smoke", task="lamp", condition=Condition.BC, seed=2, overrides=["evaluate.episodes=7"])
-    study.fn(preset="smoke", task="lamp", conditions=[Condition.BC, Condition.TA], seeds=[0, 1])
+    loop.fn(preset="smoke", task="lamp", condition="bc", seed=2, overrides=["evaluate.episodes=7"])
+    study.fn(preset="smoke", task="lamp", conditions=["bc", "ta"], seeds=[0, 1])
     one, several = runs
     assert (one.task, one.condition, one.seed, one.evaluate.episodes) == ("lamp", "bc", 2, 7)
-    assert (several.task, several.conditions, several.seeds) == ("lamp", ("bc", "ta"), (0, 1))
+    assert (several.task, list(several.conditions), several.seeds) == ("lamp", ["bc", "ta"], (0, 1))
     for config in runs:
         assert config.recording.task == config.evaluation.task == "lamp"
 

@@ -36,8 +36,8 @@ RUN = [
     str(SMOKE),
     "--set=record.demonstrations=2",
     "--set=augment.num_snippets=4",
-    "--set=train.diffusion.training={steps: 60, warmup_steps: 10, validation_fraction: 0.2}",
-    "--set=train.diffusion.training.windows={back_padding: 15}",
+    "--set=policies.diffusion.training={steps: 60, warmup_steps: 10, validation_fraction: 0.2}",
+    "--set=policies.diffusion.training.windows={back_padding: 15}",
     "--set=collect={successes: 2, max_episodes: 4, max_steps: 40}",
     "--set=evaluate={episodes: 2, max_steps: 40}",
 ]
@@ -106,7 +106,7 @@ def first(data, server):
 
 
 def test_study_ends_with_a_table_and_the_finding_that_nothing_succeeded(first):
-    assert [row["condition"] for row in first["table"]] == ["BC", "TA+CI"]
+    assert [row["title"] for row in first["table"]] == ["BC", "TA+CI"]
     (finding,) = first["findings"]
     assert finding.startswith("TA+CI, seed 0: no successful rollout to retrain on")
     assert first["report"]

@@ -130,21 +130,21 @@ def test_mistake_is_told_with_its_file_and_line(tmp_path, monkeypatch):
 
 
 def test_an_override_changes_what_it_names_and_not_what_an_alias_repeats(tmp_path):
-    text = "train:\n  diffusion: {training: &t {steps: 700}}\n  mlp_chunked: {training: *t}\n"
-    (run,) = load_runs(write(tmp_path / "run.yaml", text), ["train.diffusion.training.steps=900"])
-    assert run.train.diffusion.training.steps == 900
-    assert run.train.mlp_chunked.training.steps == 700
+    text = "policies:\n  diffusion: {training: &t {steps: 700}}\n  mlp_chunked: {training: *t}\n"
+    (run,) = load_runs(write(tmp_path / "run.yaml", text), ["policies.diffusion.training.steps=900"])
+    assert run.policies["diffusion"].training.steps == 900
+    assert run.policies["mlp_chunked"].training.steps == 700
 
 
 def test_network_of_another_kind_replaces_that_of_the_base(tmp_path):
-    text = "base: laptop\ntrain: {diffusion: {policy: {head: {denoiser: {kind: unet}}}}}\n"
+    text = "base: laptop\npolicies: {diffusion: {policy: {head: {denoiser: {kind: unet}}}}}\n"
     (run,) = load_runs(write(tmp_path / "run.yaml", text))
-    head = run.train.diffusion.policy.head
+    head = run.policies["diffusion"].policy.head
     assert (head.denoiser.kind, head.prediction) == ("unet", "sample")
 
 
 def test_task_is_said_once(tmp_path):
-    for section in ("record", "ingest", "collect", "evaluate", "train", "annotate"):
+    for section in ("record", "ingest", "collect", "evaluate", "policies", "annotate"):
         path = write(tmp_path / "run.yaml", f"task: lamp\n{section}: {{task: one_leg}}\n")
         with pytest.raises(
             ConfigError, match=rf"{section}\.task: the task is said once, at the top of the configuration"
@@ -164,7 +164,7 @@ def test_a_form_cannot_name_another_task_than_it_trains():
 
 def test_text_pasted_into_a_form_is_read_like_a_file():
     (run,) = parse_runs("base: laptop\ntask: lamp\nseed: 3\n", "the form")
-    assert (run.task, run.seed, run.train.diffusion.training.steps) == ("lamp", 3, 8000)
+    assert (run.task, run.seed, run.policies["diffusion"].training.steps) == ("lamp", 3, 8000)
     with pytest.raises(ConfigError, match=r"^the form, line 2: seed: must be a whole number, got True$"):
         parse_runs("task: lamp\nseed: true\n", "the form")
     with pytest.raises(ConfigError, match="the form: line 2: the key 'seed' is there already, in line 1"):
@@ -176,7 +176,7 @@ def test_text_pasted_into_a_form_is_read_like_a_file():
 def test_configuration_without_a_file_is_read_like_one():
     (run,) = parse_runs({"base": "laptop", "seed": 3, "logs": "/logs"}, "the form", ["seed=4"])
     assert (run.seed, run.logs) == (4, Path("/logs"))
-    assert run.train.diffusion.training.steps == 8000
+    assert run.policies["diffusion"].training.steps == 8000
 
 
 @pytest.mark.parametrize(
@@ -196,3 +196,11 @@ def test_configuration_without_a_file_is_read_like_one():
 def test_mistake_in_a_form_is_told_in_a_sentence(content, message):
     with pytest.raises(ConfigError, match=message):
         parse_runs(content, "the form")
+
+
+def test_names_in_a_list_pick_from_the_section_below(tmp_path):
+    path = write(tmp_path / "run.yaml", "tasks: {lamp: {rounds: 3}, one_leg: {rounds: 2}}\n")
+    (run,) = load_runs(path, ["tasks=[lamp]"])
+    assert (run.task, run.rounds) == ("lamp", 3)
+    written = read_written(path).assigning(["tasks=[lamp]"], None)
+    assert written.place(("tasks", "lamp", "rounds")).endswith("run.yaml:1")

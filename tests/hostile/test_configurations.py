@@ -139,19 +139,51 @@ TEXTS: dict[str, str] = {
     "section as nothing": "record:\n",
     "unknown section": "recrod: {}\n",
     "unknown key": "record: {demonstration: 3}\n",
-    "unknown key far within": "train: {diffusion: {policy: {head: {denoiser: {widht: 3}}}}}\n",
-    "head of another kind": "train: {mlp_chunked: {policy: {head: {kind: diffusion}}}}\n",
-    "head without a kind": "train: {diffusion: {policy: {head: {widht: 3}}}}\n",
+    "unknown key far within": "policies: {diffusion: {policy: {head: {denoiser: {widht: 3}}}}}\n",
+    "head of an unknown kind": "policies: {mlp_chunked: {policy: {head: {kind: diffusing}}}}\n",
+    "policy misspelt": "policies: {difusion: {training: {steps: 3}}}\n",
+    "policy that is nothing": "policies: {diffusion: }\n",
+    "policies as a list": "policies: [difusion]\n",
+    "policies as nothing": "policies:\n",
+    "policy without a base": "policies: {mine: {base: difusion}}\n",
+    "policy on a list": "policies: {mine: {base: [diffusion]}}\n",
+    "policy on itself": "policies: {mine: {base: mine}}\n",
+    "policies in a circle": "policies: {a: {base: b}, b: {base: a}}\n",
+    "policy with a strange name": 'policies: {"a\\e[2Jb": {base: diffusion}}\n',
+    "policy with a dot": "policies: {a.b: {base: diffusion}}\n",
+    "policy with an endless name": f"policies: {{{'a' * 150}: {{base: diffusion}}}}\n",
+    "thousands of policies": "policies: {" + ", ".join(f"p{i}: {{base: diffusion}}" for i in range(4000)) + "}\n",
+    "policy of a task only": "tasks: {lamp: {policies: {difusion: {training: {steps: 3}}}}, one_leg: {}}\n",
+    "key of yesterday": "train: {diffusion: {training: {steps: 3}}}\n",
+    "key of yesterday in a task": "tasks: {lamp: {train: {diffusion: {training: {steps: 3}}}}}\n",
+    "condition misspelt": "flow: study\nconditions: {ta_cii: {}}\n",
+    "condition with an unknown policy": "flow: study\nconditions: {mine: {policy: difusion}}\n",
+    "condition with an unknown key": "flow: study\nconditions: {mine: {agument: true}}\n",
+    "condition that is a number": "flow: study\nconditions: {mine: 3}\n",
+    "condition with a strange name": 'flow: study\nconditions: {"a\\nb": {augment: true}}\n',
+    "condition with a strange title": 'flow: study\nconditions: {mine: {title: "a\\e[2J|b"}}\n',
+    "condition that replays and collects": "flow: study\nconditions: {mine: {replay: true, collect: true}}\n",
+    "condition with rounds for nothing": "flow: study\nconditions: {mine: {rounds: 2}}\n",
+    "condition with endless rounds": "flow: study\nconditions: {mine: {collect: true, rounds: 1000000}}\n",
+    "conditions of one model": "conditions: [bc]\n",
+    "conditions of one model that is not said": "conditions: {mine: {augment: true}}\n",
+    "thousands of conditions": "flow: study\nconditions: {"
+    + ", ".join(f"c{i}: {{augment: true}}" for i in range(4000))
+    + "}\n",
+    "head without a kind": "policies: {diffusion: {policy: {head: {widht: 3}}}}\n",
+    "mix without policies": "condition: multitask\n"
+    "mix: {lamp: {task: lamp, policies: {}}, one_leg: {task: one_leg, policies: {}}}\n",
     "demonstrations beyond their states": "record: {first: 999999}\n",
     "evaluation beyond its states": "evaluate: {first: 999999}\n",
     "collection beyond its states": "collect: {max_episodes: 1000001}\n",
     "lower above upper": "augment: {departures: {a: {lift_m: [2, 1], distance_m: [0, 1], polar_deg: [0, 1], "
     "rotation_deg: 1, step_m: [0, 1], step_deg: [0, 1]}}}\n",
     "no departures": "augment: {departures: {}}\n",
-    "thousands of scales": "train: {diffusion: {policy: {observation: {state: {kind: features, fine_scales_m: ["
+    "thousands of scales": "policies: {diffusion: {policy: {observation: {state: {kind: features, fine_scales_m: ["
     + "0.1, " * 1000
     + "]}}}}}\n",
-    "widest U-Net": "train: {diffusion: {policy: {head: {denoiser: {kind: unet, channels: [16384, 16384, 16384]}}}}}\n",
+    "widest U-Net": "policies: {diffusion: {policy: {head: {denoiser: {kind: unet, "
+    "channels: [16384, 16384, 16384]}}}}}\n",
 }
 
 FLOATS = {
@@ -161,13 +193,13 @@ FLOATS = {
     "ingest.max_gap_s": "ingest: {max_gap_s: VALUE}\n",
     "select.longest": "select: {longest: VALUE}\n",
     "state_noise.position_m": "state_noise: {kind: physical, position_m: VALUE}\n",
-    "learning_rate": "train: {diffusion: {training: {learning_rate: VALUE}}}\n",
-    "weight_decay": "train: {diffusion: {training: {weight_decay: VALUE}}}\n",
-    "ema_decay": "train: {diffusion: {training: {ema_decay: VALUE}}}\n",
-    "clip": "train: {diffusion: {policy: {observation: {state: {kind: features, clip: VALUE}}}}}\n",
-    "fine_scales_m": "train: {diffusion: {policy: {observation: {state: {kind: features, "
+    "learning_rate": "policies: {diffusion: {training: {learning_rate: VALUE}}}\n",
+    "weight_decay": "policies: {diffusion: {training: {weight_decay: VALUE}}}\n",
+    "ema_decay": "policies: {diffusion: {training: {ema_decay: VALUE}}}\n",
+    "clip": "policies: {diffusion: {policy: {observation: {state: {kind: features, clip: VALUE}}}}}\n",
+    "fine_scales_m": "policies: {diffusion: {policy: {observation: {state: {kind: features, "
     "fine_scales_m: [0.1, VALUE]}}}}}\n",
-    "dropout": "train: {mlp_chunked: {policy: {head: {kind: mlp, dropout: VALUE}}}}\n",
+    "dropout": "policies: {mlp_chunked: {policy: {head: {kind: mlp, dropout: VALUE}}}}\n",
 }
 NO_NUMBERS = (".inf", "-.inf", ".nan", "1e999", "1e300", "true", "yes", "'0.1'", "[0.1]", "-1")
 COUNTS = {
@@ -178,16 +210,16 @@ COUNTS = {
     "collect.max_steps": "collect: {max_steps: VALUE}\n",
     "select.max_episodes": "select: {max_episodes: VALUE}\n",
     "evaluate.episodes": "evaluate: {episodes: VALUE}\n",
-    "training.steps": "train: {diffusion: {training: {steps: VALUE}}}\n",
-    "training.batch_size": "train: {diffusion: {training: {batch_size: VALUE}}}\n",
-    "training.threads": "train: {diffusion: {training: {threads: VALUE}}}\n",
-    "horizons.pred": "train: {diffusion: {policy: {horizons: {pred: VALUE}}}}\n",
-    "blocks": "train: {mlp_chunked: {policy: {head: {kind: mlp, blocks: VALUE}}}}\n",
-    "width": "train: {mlp_chunked: {policy: {head: {kind: mlp, width: VALUE}}}}\n",
-    "channels": "train: {diffusion: {policy: {head: {denoiser: {kind: unet, channels: [8, 8, VALUE]}}}}}\n",
-    "train_timesteps": "train: {diffusion: {policy: {head: {kind: diffusion, train_timesteps: VALUE}}}}\n",
-    "inference_steps": "train: {diffusion: {policy: {head: {kind: diffusion, inference_steps: VALUE}}}}\n",
-    "task_embedding": "train: {diffusion: {policy: {task_embedding: VALUE}}}\n",
+    "training.steps": "policies: {diffusion: {training: {steps: VALUE}}}\n",
+    "training.batch_size": "policies: {diffusion: {training: {batch_size: VALUE}}}\n",
+    "training.threads": "policies: {diffusion: {training: {threads: VALUE}}}\n",
+    "horizons.pred": "policies: {diffusion: {policy: {horizons: {pred: VALUE}}}}\n",
+    "blocks": "policies: {mlp_chunked: {policy: {head: {kind: mlp, blocks: VALUE}}}}\n",
+    "width": "policies: {mlp_chunked: {policy: {head: {kind: mlp, width: VALUE}}}}\n",
+    "channels": "policies: {diffusion: {policy: {head: {denoiser: {kind: unet, channels: [8, 8, VALUE]}}}}}\n",
+    "train_timesteps": "policies: {diffusion: {policy: {head: {kind: diffusion, train_timesteps: VALUE}}}}\n",
+    "inference_steps": "policies: {diffusion: {policy: {head: {kind: diffusion, inference_steps: VALUE}}}}\n",
+    "task_embedding": "policies: {diffusion: {policy: {task_embedding: VALUE}}}\n",
 }
 NO_COUNTS = ("1000000000000", "-1", "true", "1.0", "1e3", "'3'", ".inf", "3:00")
 
@@ -203,7 +235,7 @@ ASSIGNMENTS = {
     "bomb": "seeds=" + BOMB.replace("\n", ", "),
     "tag": "seed=!!python/object/apply:os.system ['true']",
     "truth": "seed=true",
-    "infinity": "train.diffusion.training.learning_rate=.inf",
+    "infinity": "policies.diffusion.training.learning_rate=.inf",
     "null character": "name=a\0b",
     "escape sequence": "\x1b[2Jseed=1",
     "escape sequence in a value": "name=\x1b[2J",

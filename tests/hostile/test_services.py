@@ -23,7 +23,7 @@ PATIENCE_SECONDS = 200
 OVERRIDES = (
     "conditions=[bc]",
     "record.demonstrations=2",
-    "train.diffusion.training={steps: 4, warmup_steps: 1, validation_fraction: 0.5, windows: {back_padding: 15}}",
+    "policies.diffusion.training={steps: 4, warmup_steps: 1, validation_fraction: 0.5, windows: {back_padding: 15}}",
     "evaluate={episodes: 1, max_steps: 10}",
 )
 CLOSED = "http://127.0.0.1:9"

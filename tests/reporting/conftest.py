@@ -114,8 +114,8 @@ def lineage() -> tuple[LineageNode, ...]:
 @pytest.fixture
 def report_data() -> ReportData:
     """Everything filled in, for two conditions."""
-    bc = summarise("BC", [model("BC", 0, 0.52)])
-    best = summarise("TA+CI", [model("TA+CI", 0, 0.92)])
+    bc = summarise("bc", [model("BC", 0, 0.52)], "BC")
+    best = summarise("ta_ci", [model("TA+CI", 0, 0.92)], "TA+CI")
     return ReportData(
         title="one_leg, low randomness",
         created=datetime(2026, 11, 22, 9, 30),

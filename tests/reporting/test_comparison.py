@@ -11,5 +11,5 @@ def result(seed: int, successes: str) -> ModelResult:
 
 
 def test_table_states_interval_models_and_episodes():
-    table = markdown_table([ConditionResult("BC", (result(0, "1110"), result(1, "1000")), (0.21, 0.79))])
+    table = markdown_table([ConditionResult("bc", "BC", (result(0, "1110"), result(1, "1000")), (0.21, 0.79))])
     assert table.splitlines()[-1] == "| BC | 50% | 21% to 79% | 75% | 2 | 8 |"

@@ -358,18 +358,18 @@ def test_recorded_logs_become_demonstrations(loop):
 
 def test_report_tells_of_every_condition_and_finding(loop):
     config = ReportConfig(
-        title="A study", rows=(ReportRow(condition="TA", seed=0),), findings=("CI, seed 0: no success.",)
+        title="A study", rows=(ReportRow(condition="ta", title="TA", seed=0),), findings=("CI, seed 0: no success.",)
     )
     ref = report(loop.session, evaluations=(loop.evaluation,), config=config)
     page = (loop.store.open(ref) / "report.html").read_text()
     assert "A study" in page
     assert "CI, seed 0: no success." in page
     assert loop.evaluation.id[:6] in page
-    assert json.dumps(summary(loop, ref)["best_condition"]) == '"TA"'
+    assert json.dumps(summary(loop, ref)["best_condition"]) == '"ta"'
 
 
 def write_report(loop, evaluation=None, **facts):
-    config = ReportConfig(title="A study", rows=(ReportRow(condition="TA", seed=0),), **facts)
+    config = ReportConfig(title="A study", rows=(ReportRow(condition="ta", title="TA", seed=0),), **facts)
     return report(loop.session, evaluations=(evaluation or loop.evaluation,), config=config)
 
 
@@ -404,7 +404,7 @@ def test_report_is_written_where_nothing_can_be_drawn(loop, monkeypatch):
 
 def test_addresses_of_pages_are_shown_but_are_no_part_of_a_report_s_identity(loop):
     links = {"MLflow": "https://mlflow.example.org/#/experiments"}
-    with_links = ReportConfig(title="Addresses", rows=(ReportRow(condition="TA", seed=0),), links=links)
+    with_links = ReportConfig(title="Addresses", rows=(ReportRow(condition="ta", title="TA", seed=0),), links=links)
     without = with_links.model_copy(update={"links": {}})
     found = report.prepare(loop.session, evaluations=(loop.evaluation,), config=with_links).recipe
     assert found.id == report.prepare(loop.session, evaluations=(loop.evaluation,), config=without).recipe.id
@@ -499,7 +499,7 @@ def test_report_on_a_model_for_several_tasks_tells_their_data_apart(loop):
     data = (loop.demonstrations, loop.corrective, of_lamp, corrective)
     checkpoint = copied(loop.checkpoint, inputs={"episodes": data})
     evaluation = copied(loop.evaluation, inputs={"checkpoint": (checkpoint,)})
-    rows = [ReportRow(condition="multitask", seed=0)]
+    rows = [ReportRow(condition="multitask", title="Multi-task", seed=0)]
     told = gather(store, [evaluation], rows, title="", task="one_leg", facts={}, findings=())
     steps = summary(loop, loop.demonstrations)["steps"]
     assert told.facts["Demonstrations"] == f"one_leg 2 ({steps} steps), lamp 2 ({steps} steps)"

@@ -8,7 +8,6 @@ import pytest
 
 from flows.command.choice import Choice
 from flows.command.cli import call
-from flows.conditions import Condition
 from flows.config import load_runs
 
 
@@ -21,9 +20,12 @@ def printed(capsys, *arguments):
     "arguments",
     [
         ["demo"],
-        ["smoke", "--set", "record.seed=3", "--set", "train.diffusion.policy.head={kind: diffusion}"],
+        ["smoke", "--set", "record.seed=3", "--set", "policies.diffusion.policy.head={kind: diffusion}"],
         ["paper", "--condition", "bc", "--condition", "ta"],
         ["study_one_leg", "--seed", "1", "--condition", "replay"],
+        ["compare_heads"],
+        ["compare_heads", "--condition", "unet"],
+        ["laptop", "--set", "conditions.mine.augment=true", "--set", "condition=mine"],
         ["table_vi"],
         ["table_vi", "--task", "lamp", "--condition", "ta_ci", "--seed", "0"],
         ["table_vi", "--set", "tasks.lamp.state_noise={kind: original}"],
@@ -39,7 +41,7 @@ def test_output_is_the_same_configuration(capsys, tmp_path, arguments):
         chosen[name].append(int(value) if name == "--seed" else value)
     expected = Choice.of(arguments[0], *chosen.values()).runs()
     # Other tasks concern a model for several of them, and none is asked for.
-    alone = [run if Condition.MULTITASK in run.conditions else run.model_copy(update={"mix": {}}) for run in expected]
+    alone = [run if run.is_joint else run.model_copy(update={"mix": {}}) for run in expected]
     assert list(load_runs(path)) == alone
     again = printed(capsys, str(path))
     strip = [line.partition("  # ")[0].rstrip() for line in path.read_text().splitlines()]
@@ -72,6 +74,6 @@ def test_values_say_where_they_come_from(capsys):
 
 def test_for_machines_it_is_json(capsys):
     content = json.loads(printed(capsys, "demo", "--json"))
-    assert content["configuration"]["train"]["diffusion"]["training"]["steps"] == 8000
-    assert content["from"]["train.diffusion.training.steps"] == "presets/laptop.yaml:17"
+    assert content["configuration"]["policies"]["diffusion"]["training"]["steps"] == 8000
+    assert content["from"]["policies.diffusion.training.steps"] == "presets/laptop.yaml:17"
     assert content["from"]["rounds"] == "default"

@@ -65,10 +65,10 @@ def test_like_is_compared_with_like_down_to_the_changed_key(store):
 
 
 def test_training_before_and_after_a_round_are_told_apart(store):
-    found = explained(store, "train", "train.diffusion.training.steps=9000")
+    found = explained(store, "train", "policies.diffusion.training.steps=9000")
     assert {label: each.nearest.ref for label, each in found.items()} == refs(store, "train")
     assert {each.reasons[0] for each in found.values()} == {
-        "config key 'train.diffusion.training.steps' is 9000, it was 8000"
+        "config key 'policies.diffusion.training.steps' is 9000, it was 8000"
     }
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from flows.conditions import Condition
 from flows.config import StudyConfig, load_runs
 from flows.running import execution
 from flows.running.execution import RunOutcome, execute, run_models
@@ -25,7 +24,7 @@ from stages.runtime.context import StageInterrupted
 from stages.runtime.session import Session
 from stages.tracking.journal import END, MADE, RESULT, journals
 
-STUDY = StudyConfig(name="study", conditions=(Condition.BC, Condition.CI), seeds=(0,))
+STUDY = StudyConfig(name="study", conditions=("bc", "ci"), seeds=(0,))
 
 
 NOTHING = "no successful rollout to retrain on: none of 4"
@@ -69,11 +68,11 @@ def test_no_success_to_retrain_on_is_a_finding_not_a_failure(store):
     bc, ci = outcome.models
     assert (ci.checkpoint, ci.evaluation) == (bc.checkpoint, bc.evaluation)
     assert outcome.findings == ("CI, seed 0: no successful rollout to retrain on: none of 4",)
-    assert [row.condition for row in outcome.results(store)] == ["BC", "CI"]
+    assert [(row.condition, row.title) for row in outcome.results(store)] == [("bc", "BC"), ("ci", "CI")]
 
 
 def test_no_corrective_episode_is_a_finding_and_the_model_learns_from_the_rest(store):
-    study = STUDY.model_copy(update={"conditions": (Condition.BC, Condition.TA)})
+    study = StudyConfig(name="study", conditions=("bc", "ta"), seeds=(0,))
     outcome = RunOutcome(tuple(run_models(Session(store, performer=Stub(store, failing={"augment"})), study)), None)
     bc, ta = outcome.models
     assert ta.checkpoint == bc.checkpoint
@@ -107,7 +106,7 @@ def test_seeds_without_a_success_to_retrain_on_count_in_the_average(store):
     study = STUDY.model_copy(update={"seeds": (0, 1)})
     stub = Stub(store, failing={("select", "ci seed 1 round 1")})
     outcome = execute(Session(store, performer=stub), study, None)
-    assert [(row.condition, row.num_models) for row in outcome.results(store)] == [("BC", 2), ("CI", 2)]
+    assert [(row.condition, row.num_models) for row in outcome.results(store)] == [("bc", 2), ("ci", 2)]
 
 
 def test_failure_of_one_model_waits_for_the_others(store):
