@@ -18,20 +18,25 @@ from typing import Any
 
 import numpy as np
 
-from juicer.annotation import annotate
-from juicer.augmentation.augment import Rejection, Snippet, augment
+from juicer.annotation.annotate import annotate
+from juicer.annotation.propose import AnnotationConfig
+from juicer.augmentation.augment import FailedAttempt, Snippet, augment
 from juicer.augmentation.config import AugmentationConfig
-from juicer.critical_states import AnnotationConfig
-from juicer.episode import Episode
-from juicer.ingestion import Ingestion, IngestionConfig
-from juicer.policy.config import DiffusionConfig, HorizonConfig, MLPConfig, MLPDenoiserConfig, PolicyConfig, UNetConfig
+from juicer.demonstration.ingestion import Ingestion, IngestionConfig
+from juicer.demonstration.log import OperatorLog
+from juicer.demonstration.recording import recordings
+from juicer.episode import Episode, EpisodeRecord
+from juicer.expert.operator import scripted_operators
+from juicer.policy.config import HorizonConfig, PolicyConfig
+from juicer.policy.denoisers.mlp.config import MLPDenoiserConfig
+from juicer.policy.denoisers.unet.config import UNetConfig
+from juicer.policy.heads.diffusion.config import DiffusionConfig
+from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.policy.replay import ReplayPolicy
 from juicer.rollout import Policy, rollout
 from juicer.seed_ranges import Purpose, claim
 from juicer.storage.tables import Annotation
 from juicer.tasks.registry import TASK_NAMES, get_task
-from juicer.teleoperation.log import OperatorLog
-from juicer.teleoperation.record import recordings
 from juicer.training.config import PhysicalStateNoise, TrainingConfig, WindowConfig
 from juicer.training.trainer import TrainedCheckpoint, train
 from juicer.training.windows import TrainingEpisodes
@@ -62,9 +67,9 @@ POLICIES: Mapping[str, PolicyConfig] = {
         horizons=HorizonConfig(obs=2, pred=16, action=8),
         head=DiffusionConfig(denoiser=UNetConfig(channels=(32, 64, 64), step_embedding=32)),
     ),
-    "mlp chunked": PolicyConfig(horizons=HorizonConfig(pred=16, action=8), head=MLPConfig(width=128, blocks=2)),
+    "mlp chunked": PolicyConfig(horizons=HorizonConfig(pred=16, action=8), head=MLPHeadConfig(width=128, blocks=2)),
     "mlp unchunked": PolicyConfig(
-        horizons=HorizonConfig(pred=1, action=1), action_frame="relative", head=MLPConfig(width=128, blocks=2)
+        horizons=HorizonConfig(pred=1, action=1), action_frame="relative", head=MLPHeadConfig(width=128, blocks=2)
     ),
 }
 TRAINING = TrainingConfig(
@@ -124,7 +129,7 @@ def digest(values: np.ndarray[Any, Any]) -> str:
 @cache
 def recording(task: str, seed: int) -> OperatorLog:
     """What the recorder hands to ingestion: idle steps are still in it."""
-    (log,) = recordings(task, "low", claim(Purpose.DEMONSTRATIONS, seed, 1))
+    (log,) = recordings(task, "low", claim(Purpose.DEMONSTRATIONS, seed, 1), scripted_operators())
     return log
 
 
@@ -143,6 +148,11 @@ def describe_recording(task: str, seed: int) -> dict[str, Any]:
 class Demonstrations(list[Episode]):
     """Episodes by number, in memory."""
 
+    @property
+    def records(self) -> Sequence[EpisodeRecord]:
+        """Facts about every episode."""
+        return [episode.record for episode in self]
+
     def read(self, index: int) -> Episode:
         """The episode of a number."""
         return self[index]
@@ -157,10 +167,10 @@ def demonstrations(task: str, seeds: Iterable[int]) -> Demonstrations:
 
 def attempts(
     episodes: Demonstrations, annotations: Sequence[Annotation], num_snippets: int
-) -> list[Snippet | Rejection]:
+) -> list[Snippet | FailedAttempt]:
     """Snippets and refusals in their order, until there are as many snippets as wanted."""
     config = AugmentationConfig(num_snippets=num_snippets)
-    return list(augment(episodes, annotations, config, artifact="golden", seed=0, num_workers=1))
+    return list(augment(episodes, annotations, config, seed=0, num_workers=1))
 
 
 def describe_snippets(task: str) -> list[Any]:
@@ -177,9 +187,9 @@ def describe_snippets(task: str) -> list[Any]:
     ]
 
 
-def describe_attempt(attempt: Snippet | Rejection) -> Any:
+def describe_attempt(attempt: Snippet | FailedAttempt) -> Any:
     """Every action and every simulator state of a snippet, or why there is none."""
-    if isinstance(attempt, Rejection):
+    if isinstance(attempt, FailedAttempt):
         return f"{attempt.departure}: {attempt.reason}"
     steps = attempt.episode.steps
     return {
@@ -197,7 +207,8 @@ def training_data() -> TrainingEpisodes:
     annotations = list(annotate(episodes, AnnotationConfig(), num_workers=1))
     snippets = [made.episode for made in attempts(episodes, annotations, SNIPPETS) if isinstance(made, Snippet)]
     both = [*episodes, *snippets]
-    families = [f"golden/{index}" for index in range(len(episodes))]
+    # The split draws from the families in the order of their names, which must not change.
+    families = {episode.record.episode_id: f"golden/{index}" for index, episode in enumerate(episodes)}
     return TrainingEpisodes(
         observations={
             name: np.concatenate([episode.steps[name] for episode in both]).astype(np.float32)
@@ -205,7 +216,7 @@ def training_data() -> TrainingEpisodes:
         },
         actions=np.concatenate([episode.steps["action"] for episode in both]).astype(np.float32),
         episode_ends=np.cumsum([len(episode) for episode in both], dtype=np.int64),
-        families=families + [str(snippet.record.parent) for snippet in snippets],
+        families=[families[episode.record.parent or episode.record.episode_id] for episode in both],
         sources=[str(episode.record.source) for episode in both],
     )
 
