@@ -28,7 +28,14 @@ class CollectConfig(RolloutConfig, CollectSection):
     """How many rollouts of a task, and from where they start."""
 
 
-@stage(kind="episodes", inputs={"checkpoint": "checkpoint"}, libraries=("mujoco", "numpy", "torch", "zarr"))
+@stage(
+    kind="episodes",
+    inputs={"checkpoint": "checkpoint"},
+    libraries=("mujoco", "numpy", "torch", "zarr"),
+    noun="rollouts",
+    counts="episodes",
+    headline=("successes", "episodes", "steps"),
+)
 def collect(context: StageContext, *, checkpoint: ArtifactRef, config: CollectConfig) -> None:
     """Roll a policy out; every outcome is kept, with the simulator's full state."""
     episodes = roll_out(
@@ -57,7 +64,7 @@ def _towards(successes: int, max_episodes: int, listener: Progress) -> Progress:
 
     def progress(done: int, total: int, **facts: float | str) -> None:
         share = max(float(facts["successes"]) / successes, done / max_episodes)
-        listener(done, max(done, round(done / share)), **facts)
+        listener(done, max(done, round(done / share)) if share else max_episodes, **facts)
 
     return progress
 

@@ -42,6 +42,11 @@ class TrainConfig(StrictConfig):
     kind="checkpoint",
     inputs={"episodes": "episodes", "selections": "selection"},
     libraries=("numpy", "torch"),
+    noun="steps",
+    counts="steps",
+    headline=("steps", "train/loss", "validation/position_error_mm"),
+    shows_as="model",
+    needs="device",
 )
 def train(
     context: StageContext,
@@ -72,7 +77,7 @@ def train(
         config.training,
         seed=config.seed,
         scratch=context.draft.scratch / "state",
-        device=context.device,
+        device=context.machine.device,
         progress=context.progress,
         metrics=curves,
     )

@@ -51,16 +51,17 @@ def roll_out(
     """Episodes of a checkpoint's policy from initial states that belong to ``purpose``, in their order."""
     from juicer.policy.checkpoint import load_policy  # torch takes seconds to import
 
+    folder, machine = context.store.open(checkpoint, "checkpoint"), context.machine
     return rollout(
-        load_policy(context.store.open(checkpoint, "checkpoint"), config.task, config.max_steps, context.device),
+        load_policy(folder, config.task, config.max_steps, machine.device),
         config.task,
         config.randomness,
         claim(purpose, config.first, max_episodes),
-        num_envs=context.num_envs,
+        num_envs=machine.num_envs,
         max_steps=config.max_steps,
         policy_id=checkpoint.id,
         root_seed=config.seed,
         stop_after_successes=stop_after_successes,
-        num_workers=context.workers,
+        num_workers=machine.workers,
         progress=progress,
     )

@@ -56,6 +56,14 @@ def count(
     context.draft.summary["total"] = total
 
 
+@stage(kind="episodes", needs="device")
+def devote(context: StageContext, *, config: ToyConfig) -> None:
+    """Use a device long enough for another to need one too."""
+    time.sleep(0.5)
+    (context.draft.path / "words.txt").write_text("word " * config.words)
+    context.draft.summary["device"] = context.machine.device
+
+
 @stage(kind="episodes")
 def fail(context: StageContext, *, config: ToyConfig) -> None:
     """Find nothing."""
