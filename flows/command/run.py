@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import sys
+from contextlib import redirect_stdout
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -139,11 +141,12 @@ def _mark_crashed(settings: Settings) -> None:
 
 
 def _run_in_prefect(config: RunConfig, watch: ServerWatch) -> RunOutcome:
+    # Whatever libraries print, the answer alone goes to standard output.
     from flows.collect_infer import collect_infer
     from flows.config import StudyConfig
     from flows.study import study
 
-    with watch.explaining():
+    with watch.explaining(), redirect_stdout(sys.stderr):
         return study(config) if isinstance(config, StudyConfig) else collect_infer(config)
 
 
@@ -164,7 +167,7 @@ def run_stage(name: str, choice: Choice, force: bool, as_json: bool) -> None:
     watch = watch_server(settings) if has_server else start_server(settings)
     from flows.single_stage import single_stage
 
-    with watch.explaining():
+    with watch.explaining(), redirect_stdout(sys.stderr):
         refs = single_stage(name, configs, force=force)
     if as_json:
         say_json(refs)

@@ -6,7 +6,9 @@ store; the worker opens the store itself, and uses its machine as its own settin
 
 from __future__ import annotations
 
+import logging
 import os
+import signal
 from typing import Any, cast
 
 from prefect.futures import PrefectFuture
@@ -44,6 +46,9 @@ def task_runner() -> TaskRunner[PrefectFuture[Any]]:
 
 
 def _dask(settings: Settings) -> Any:
+    # What its processes say of an interrupt, or of one of them that was killed, would stand between progress lines.
+    os.environ.setdefault("DASK_LOGGING__DISTRIBUTED", "critical")
+    os.environ.setdefault("PYTHONWARNINGS", "ignore:resource_tracker:UserWarning")
     from prefect_dask.task_runners import DaskTaskRunner  # an extra, as is Ray
 
     if settings.cluster:
@@ -56,8 +61,14 @@ def _dask(settings: Settings) -> Any:
             "memory_limit": None,
             "host": "127.0.0.1",
             "dashboard_address": None,
+            "preload": __name__,
         }
     )
+
+
+def dask_setup(worker: object) -> None:
+    """Called by Dask in each worker on this machine: only the run decides what an interrupt from the keyboard means."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _ray(settings: Settings) -> Any:
@@ -68,7 +79,8 @@ def _ray(settings: Settings) -> Any:
 
     if settings.cluster:
         return RayTaskRunner(address=settings.cluster)
-    return RayTaskRunner(init_kwargs={"num_cpus": settings.workers, "include_dashboard": False, "log_to_driver": False})
+    quiet = {"include_dashboard": False, "log_to_driver": False, "logging_level": logging.CRITICAL}
+    return RayTaskRunner(init_kwargs={"num_cpus": settings.workers, **quiet})
 
 
 def opener(settings: Settings) -> Opener | None:
