@@ -118,7 +118,8 @@ def start_server(settings: Settings) -> ServerWatch:
     typer.echo("starting a Prefect server for this run ...", err=True)
     server = TemporaryServer()
     os.environ.update(server.variables)
-    warm_up()
+    if settings.runner_kind == "threads":
+        warm_up()
     server.wait(settings.startup_seconds)
     _mark_crashed(settings)
     return ServerWatch(lambda: not server.has_ended, patience_s=0.0)

@@ -62,6 +62,8 @@ def _dask(settings: Settings) -> Any:
             "host": "127.0.0.1",
             "dashboard_address": None,
             "preload": __name__,
+            # Other users of this machine reach the scheduler too, and could run anything.
+            "security": True,
         }
     )
 
