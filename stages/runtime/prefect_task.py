@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from typing import Any
+from uuid import UUID
 
 from prefect import Task, get_client, task
 from prefect.cache_policies import NO_CACHE
@@ -164,12 +165,17 @@ def _make_on_order(order: Order) -> ArtifactRef | State[Any]:
     stop, run_id = threading.Event(), flow_run.get_id()
 
     def look() -> None:
-        with get_client(sync_client=True) as client:
-            state = attempt(client.read_flow_run, flow_run_id=run_id)
-        if state and state.state and (state.state.is_final() or state.state.type is StateType.CANCELLING):
+        if attempt(_is_abandoned, run_id=run_id):
             stop.set()
 
     return _told(lambda: order.execute(PrefectDisplay(SilentDisplay(), look), stop))
+
+
+def _is_abandoned(run_id: str) -> bool:
+    """Whether a flow run is over, or about to be."""
+    with get_client(sync_client=True) as client:
+        state = client.read_flow_run(UUID(run_id)).state
+    return state is not None and (state.is_final() or state.type is StateType.CANCELLING)
 
 
 def _told(make: Callable[[], Finished]) -> ArtifactRef | State[Any]:
