@@ -5,8 +5,9 @@ from __future__ import annotations
 from prefect import flow
 
 from flows.config import CollectInferConfig
-from flows.running.body import run, task_runner
+from flows.running.body import run
 from flows.running.execution import RunOutcome
+from flows.running.runner import task_runner
 
 
 @flow(name="collect_infer", flow_run_name="{config.name}", task_runner=task_runner(), persist_result=False)

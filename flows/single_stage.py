@@ -8,11 +8,10 @@ from prefect import flow
 from prefect.runtime import flow_run
 
 from flows.config import CollectInferConfig, RunConfig, StudyConfig
-from flows.remote.dispatch import sender
-from flows.running.body import task_runner
 from flows.running.context import expect, open_run
 from flows.running.flow_runs import held
 from flows.running.plan import ready_calls
+from flows.running.runner import opener, task_runner
 from flows.running.settings import read_settings
 from stages.runtime.prefect_task import PrefectPerformer
 
@@ -29,7 +28,7 @@ def run_stage(stage: str, configs: Sequence[RunConfig], *, force: bool) -> list[
     forced = frozenset({stage}) if force else frozenset()
     with (
         held(settings.folder, flow_run.get_id()),
-        open_run(settings, None, PrefectPerformer(), send=sender(settings), forced=forced) as run_context,
+        open_run(settings, None, PrefectPerformer(opener(settings)), forced=forced) as run_context,
     ):
         chosen = [entry for config in configs for entry in ready_calls(run_context.session.store, config, stage)]
         expect(run_context, chosen)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from juicer.episode import ACTION_SIZE, ArraySpec, Episode, EpisodeRecord, Outcome, Source
 from juicer.errors import ConfigError, InvalidAction, JuicerError, PolicyFailed
 from juicer.observer import STATE_OBSERVATIONS, History, Observer
-from juicer.progress import Progress, silent_progress
+from juicer.progress import EpisodeSteps, Progress, silent_progress
 from juicer.seeding import stream
 from juicer.sim.arguments import checked_seed, is_whole, shown
 from juicer.sim.controller import real_numbers
@@ -121,29 +121,31 @@ def rollout(
         max_steps: Steps after which an episode ends as ``timeout``; the task's own limit if None.
         policy_id: Recorded in every episode.
         root_seed: Root of the policy's noise, one stream an episode.
-        stop_after_successes: Yield nothing after this many successes. Counted in the order of the seeds, so
-            the episodes are the same however many ran ahead.
+        stop_after_successes: Yield nothing after this many successes in the order of the seeds, whatever ran ahead.
         num_workers: Threads that step environments; as many as there are processors if None.
-        progress: Told of every yielded episode; its total is 0 while the number of seeds is not known.
+        progress: Called every turn; its total is 0 while the number of seeds is not known.
 
     Raises:
         ConfigError: If ``num_envs`` is not positive.
         InvalidAction: If the policy returns chunks of a wrong shape, or an action the environment refuses.
         PolicyFailed: If the policy raises anything, or has no horizons.
     """
-    if not is_whole(num_envs) or num_envs < 1:
-        raise ConfigError(f"num_envs must be at least 1, got {shown(num_envs)}")
-    _check_horizons(policy)
+    _check(policy, num_envs)
     observer = Observer(_declared(policy))
     total = len(seeds) if isinstance(seeds, Sequence) else 0
     envs = [AssemblyEnv(task, randomness, max_steps=max_steps) for _ in range(min(num_envs, total or num_envs))]
+    steps = EpisodeSteps(total, len(envs), envs[0].max_steps if envs else 0, stop_after_successes)
     pool = ThreadPoolExecutor(num_workers or min(len(envs), os.cpu_count() or 1))
     done = successes = 0
+
+    def report() -> None:
+        progress(done, total, successes=successes, **steps.facts())
+
     try:
-        for episode in _in_order(_run(policy, observer, envs, seeds, pool, root_seed, policy_id, stop_after_successes)):
+        for episode in _in_order(_run(policy, observer, envs, seeds, pool, root_seed, policy_id, steps, report)):
             done += 1
             successes += episode.record.outcome is Outcome.SUCCESS
-            progress(done, total, successes=successes)
+            report()
             yield episode
             if stop_after_successes is not None and successes >= stop_after_successes:
                 return
@@ -204,9 +206,10 @@ def _run(
     pool: ThreadPoolExecutor,
     root_seed: int,
     policy_id: str | None,
-    stop_after_successes: int | None,
+    steps: EpisodeSteps,
+    report: Callable[[], None],
 ) -> Iterator[tuple[int, Episode]]:
-    """Yield episodes with their place among the seeds, as they end."""
+    """Yield episodes with their place among the seeds, as they end; report after every turn."""
 
     def begin(start: tuple[AssemblyEnv, tuple[int, int]]) -> _RunningEpisode:
         env, (index, seed) = start
@@ -223,12 +226,17 @@ def _run(
             return
         list(pool.map(_RunningEpisode.execute, running, _predict(policy, observer.names, running)))
         ended = [episode for episode in running if episode.recorder.done]
-        successes += sum(episode.recorder.info["outcome"] is Outcome.SUCCESS for episode in ended)
+        for episode in ended:
+            succeeded = episode.recorder.info["outcome"] is Outcome.SUCCESS
+            successes += succeeded
+            steps.end(len(episode.recorder), succeeded=succeeded)
+        steps.running = [len(episode.recorder) for episode in running if not episode.recorder.done]
         yield from ((episode.index, episode.finish(policy_id)) for episode in ended)
-        if stop_after_successes is not None and successes >= stop_after_successes:
+        if steps.successes is not None and successes >= steps.successes:
             # The last success that counts is among those finished or running: later seeds cannot matter.
             waiting = enumerate(())
         running = [episode for episode in running if not episode.recorder.done]
+        report()
         idle = idle[len(starts) :] + [episode.env for episode in ended]
 
 
@@ -238,7 +246,9 @@ def _initial_state(seed: int) -> int:
     return number
 
 
-def _check_horizons(policy: Policy) -> None:
+def _check(policy: Policy, num_envs: int) -> None:
+    if not is_whole(num_envs) or num_envs < 1:
+        raise ConfigError(f"num_envs must be at least 1, got {shown(num_envs)}")
     for name in ("obs_horizon", "action_horizon"):
         horizon = getattr(policy, name, None)
         if not is_whole(horizon) or horizon < 1:

@@ -16,7 +16,14 @@ from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
 
 
-@stage(kind="annotations", inputs={"episodes": "episodes"}, libraries=("mujoco", "numpy"))
+@stage(
+    kind="annotations",
+    inputs={"episodes": "episodes"},
+    libraries=("mujoco", "numpy"),
+    noun="critical states",
+    counts="critical_states",
+    headline=("episodes", "critical_states"),
+)
 def annotate(
     context: StageContext, *, episodes: ArtifactRef, labels: Path | None = None, config: AnnotationConfig
 ) -> None:
@@ -28,7 +35,7 @@ def annotate(
             demonstrations,
             config,
             read_labels(labels) if labels else (),
-            num_workers=context.workers,
+            num_workers=context.machine.workers,
             progress=context.progress,
         )
     )

@@ -27,6 +27,9 @@ class AugmentConfig(AugmentationConfig):
     kind="episodes",
     inputs={"episodes": "episodes", "annotations": "annotations"},
     libraries=("mujoco", "numpy", "zarr"),
+    noun="snippets",
+    counts="snippets",
+    headline=("yield", "snippets"),
 )
 def augment(context: StageContext, *, episodes: ArtifactRef, annotations: ArtifactRef, config: AugmentConfig) -> None:
     """Grow demonstrations around their critical states."""
@@ -38,7 +41,7 @@ def augment(context: StageContext, *, episodes: ArtifactRef, annotations: Artifa
         read_annotations(context.store.open(annotations, "annotations")),
         ranges,
         seed=config.seed,
-        num_workers=context.workers,
+        num_workers=context.machine.workers,
         progress=context.progress,
     )
     summary = AugmentationSummary(get_task(demonstrations.records[0].task).critical_state_names)

@@ -28,7 +28,14 @@ class CollectConfig(RolloutConfig, CollectSection):
     """How many rollouts of a task, and from where they start."""
 
 
-@stage(kind="episodes", inputs={"checkpoint": "checkpoint"}, libraries=("mujoco", "numpy", "torch", "zarr"))
+@stage(
+    kind="episodes",
+    inputs={"checkpoint": "checkpoint"},
+    libraries=("mujoco", "numpy", "torch", "zarr"),
+    noun="rollouts",
+    counts="episodes",
+    headline=("successes", "episodes", "steps"),
+)
 def collect(context: StageContext, *, checkpoint: ArtifactRef, config: CollectConfig) -> None:
     """Roll a policy out; every outcome is kept, with the simulator's full state."""
     episodes = roll_out(
@@ -36,9 +43,9 @@ def collect(context: StageContext, *, checkpoint: ArtifactRef, config: CollectCo
         checkpoint.id,
         config,
         claim(Purpose.COLLECTION, config.first, config.max_episodes),
-        num_envs=context.num_envs,
-        num_workers=context.workers,
-        device=context.device,
+        num_envs=context.machine.num_envs,
+        num_workers=context.machine.workers,
+        device=context.machine.device,
         stop_after_successes=config.successes,
         progress=_towards(config.successes, config.max_episodes, context.progress),
     )
@@ -59,7 +66,7 @@ def _towards(successes: int, max_episodes: int, listener: Progress) -> Progress:
 
     def progress(done: int, total: int, **facts: float | str) -> None:
         share = max(float(facts["successes"]) / successes, done / max_episodes)
-        listener(done, max(done, round(done / share)), **facts)
+        listener(done, max(done, round(done / share)) if share else max_episodes, **facts)
 
     return progress
 

@@ -16,7 +16,13 @@ from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
 
 
-@stage(kind="dataset", inputs={"episodes": "episodes", "selections": "selection", "columns": "columns"})
+@stage(
+    kind="dataset",
+    inputs={"episodes": "episodes", "selections": "selection", "columns": "columns"},
+    noun="episodes",
+    counts="episodes",
+    headline=("episodes", "steps"),
+)
 def dataset(
     context: StageContext,
     *,

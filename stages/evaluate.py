@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 from pydantic import Field
 
+from juicer.artifacts.manifest import HEADLINE, LABEL
 from juicer.artifacts.ref import ArtifactRef
 from juicer.episode import Episode, Outcome
 from juicer.evaluation import milestone_counts, wilson_interval
@@ -32,7 +34,12 @@ class EvaluateConfig(RolloutConfig, EvaluateSection):
     """How many episodes of a task, and from where they start."""
 
 
-@stage(kind="evaluation", inputs={"checkpoint": "checkpoint"}, libraries=("mujoco", "numpy", "torch", "zarr"))
+@stage(
+    kind="evaluation",
+    inputs={"checkpoint": "checkpoint"},
+    libraries=("mujoco", "numpy", "torch", "zarr"),
+    shows_as="result",
+)
 def evaluate(context: StageContext, *, checkpoint: ArtifactRef, config: EvaluateConfig) -> None:
     """Measure a policy's success rate, with its interval and the milestones of every episode."""
     episodes = roll_out(
@@ -40,9 +47,9 @@ def evaluate(context: StageContext, *, checkpoint: ArtifactRef, config: Evaluate
         checkpoint.id,
         config,
         claim(Purpose.EVALUATION, config.first, config.episodes),
-        num_envs=context.num_envs,
-        num_workers=context.workers,
-        device=context.device,
+        num_envs=context.machine.num_envs,
+        num_workers=context.machine.workers,
+        device=context.machine.device,
         progress=context.progress,
     )
     rows: list[EvaluationRow] = []
@@ -51,6 +58,14 @@ def evaluate(context: StageContext, *, checkpoint: ArtifactRef, config: Evaluate
     write_episodes(examples, _examples(episodes, rows), {"source": "rollout", "policy": checkpoint.id})
     write_evaluation(context.draft.path, rows)
     context.draft.summary |= facts(rows, get_task(config.task).milestones)
+    context.draft.summary |= _texts(context.draft.summary)
+
+
+def _texts(summary: Mapping[str, Any]) -> dict[str, str]:
+    """A rate is not told without its interval."""
+    rate, low, high = (summary[name] for name in ("success_rate", "interval_low", "interval_high"))
+    found = f"{rate:.0%} of {summary['episodes']} episodes"
+    return {HEADLINE: f"success {found} ({low:.0%} to {high:.0%})", LABEL: found}
 
 
 def facts(rows: list[EvaluationRow], milestones: tuple[str, ...]) -> dict[str, object]:

@@ -23,7 +23,14 @@ REASONS_TOLD = 10
 DEVICES_SHOWN = 20
 
 
-@stage(kind="episodes", inputs={"logs": "logs"}, libraries=("mujoco", "numpy", "zarr"))
+@stage(
+    kind="episodes",
+    inputs={"logs": "logs"},
+    libraries=("mujoco", "numpy", "zarr"),
+    noun="demonstrations",
+    counts="episodes",
+    headline=("episodes", "rejected", "logs", "steps"),
+)
 def ingest(
     context: StageContext, *, logs: ArtifactRef | None = None, files: tuple[Path, ...] = (), config: IngestionConfig
 ) -> None:

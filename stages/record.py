@@ -39,7 +39,13 @@ class RecordConfig(RecordSection):
     randomness: Randomness = Field(description="level of the initial states")
 
 
-@stage(kind="logs", libraries=("mujoco", "numpy"))
+@stage(
+    kind="logs",
+    libraries=("mujoco", "numpy"),
+    noun="logs",
+    counts="logs",
+    headline=("successes", "logs"),
+)
 def record(context: StageContext, *, config: RecordConfig) -> None:
     """Let the scripted operator assemble, and record it as a human's recording tool would."""
     seeds = claim(Purpose.DEMONSTRATIONS, config.first, config.max_recordings)
@@ -50,7 +56,7 @@ def record(context: StageContext, *, config: RecordConfig) -> None:
         seeds,
         scripted_operators(config.seed),
         successes=config.demonstrations,
-        workers=context.workers,
+        workers=context.machine.workers,
         progress=context.progress,
     )
     recordings = len(list(context.draft.path.glob(f"*{SUFFIX}")))

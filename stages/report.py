@@ -51,7 +51,13 @@ class ReportConfig(StrictConfig):
     links: Mapping[str, str] = Field(default_factory=dict, exclude=True)
 
 
-@stage(kind="report", inputs={"evaluations": "evaluation"}, libraries=("matplotlib",))
+@stage(
+    kind="report",
+    inputs={"evaluations": "evaluation"},
+    libraries=("matplotlib",),
+    headline=("episodes",),
+    shows_as="page",
+)
 def report(context: StageContext, *, evaluations: tuple[ArtifactRef, ...], config: ReportConfig) -> None:
     """Write the page about evaluated models, and videos of a success and a failure."""
     from juicer.reporting.page import write_page  # drawing libraries take long to import

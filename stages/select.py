@@ -34,7 +34,13 @@ class SelectConfig(StrictConfig):
     )
 
 
-@stage(kind="selection", inputs={"episodes": "episodes"})
+@stage(
+    kind="selection",
+    inputs={"episodes": "episodes"},
+    noun="kept",
+    counts="kept",
+    headline=("episodes", "kept", "steps"),
+)
 def select(context: StageContext, *, episodes: ArtifactRef, config: SelectConfig) -> None:
     """Keep the successful rollouts that did not dawdle; the arrays stay where they are."""
     reader = EpisodeReader(context.store.open(episodes, "episodes"))

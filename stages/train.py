@@ -34,7 +34,16 @@ class TrainConfig(StrictConfig):
     seed: Seed = Field(default=0, description="root of initial weights, split, order and noise")
 
 
-@stage(kind="checkpoint", inputs={"dataset": "dataset"}, libraries=("numpy", "torch"))
+@stage(
+    kind="checkpoint",
+    inputs={"dataset": "dataset"},
+    libraries=("numpy", "torch"),
+    noun="steps",
+    counts="steps",
+    headline=("steps", "train/loss", "validation/position_error_mm"),
+    shows_as="model",
+    needs="device",
+)
 def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -> None:
     """Train a policy on the episodes of a dataset.
 
@@ -55,7 +64,7 @@ def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -
         config.training,
         seed=config.seed,
         scratch=context.draft.scratch / "state",
-        device=context.device,
+        device=context.machine.device,
         progress=context.progress,
         metrics=curves,
     )

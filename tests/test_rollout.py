@@ -160,7 +160,15 @@ def test_no_episode_is_begun_that_cannot_matter(monkeypatch: pytest.MonkeyPatch)
 def test_progress_hears_of_every_episode():
     heard: list[tuple[int, int]] = []
     run([1, 2, 3], progress=lambda done, total, **_: heard.append((done, total)))
-    assert heard == [(1, 3), (2, 3), (3, 3)]
+    assert list(dict.fromkeys(heard)) == [(0, 3), (1, 3), (2, 3), (3, 3)]
+
+
+def test_progress_hears_of_every_step_and_of_those_to_come():
+    heard: list[tuple[int, int]] = []
+    run([1, 2, 3], progress=lambda done, total, **facts: heard.append((facts["steps"], facts["expected_steps"])))
+    steps = [step for step, _ in heard]
+    assert steps == sorted(steps)
+    assert heard[-1] == (24, 24)
 
 
 def test_no_seeds_give_no_episodes():

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import sys
+from contextlib import redirect_stdout
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -13,8 +15,9 @@ from flows.command.recordings import find_recordings, say_recordings
 from flows.running.data_folder import open_store
 from flows.running.device import check_device
 from flows.running.flow_runs import mark_crashed
-from flows.running.settings import Settings, read_settings
+from flows.running.settings import RUNNER_VARIABLE, Settings, read_settings
 from flows.servers.acquaintance import check_prefect
+from flows.servers.addresses import check_reachable
 from flows.servers.environment import API_VARIABLE, PASSWORD_VARIABLE, prepare_environment
 from flows.servers.temporary import TemporaryServer
 from flows.servers.watch import PATIENCE_SECONDS, ServerWatch, is_reachable
@@ -33,12 +36,9 @@ if TYPE_CHECKING:
 def run_flow(choice: Choice, as_json: bool) -> None:
     """``juicer run``."""
     settings = read_settings()
-    check_device(settings, computes_here=not settings.spread)
+    check_device(settings)
     has_server = prepare_environment(settings)
-    if settings.spread and not has_server:
-        raise ServiceUnavailable(
-            f"stages elsewhere need a Prefect server that all machines reach; set {API_VARIABLE} or unset JUICER_SPREAD"
-        )
+    _check_cluster(settings, has_server)
     configs = choice.runs()
     store = open_store(settings)
     outcomes = []
@@ -102,12 +102,24 @@ def _reuse_everything(settings: Settings, config: RunConfig) -> RunOutcome | Non
         return execute(run_context.session, config, run_context.tracking)
 
 
+def _check_cluster(settings: Settings, has_server: bool) -> None:
+    """Refuse a cluster that nobody answers for, or that could not reach the Prefect server of this run alone."""
+    if not settings.cluster:
+        return
+    if not has_server:
+        raise ServiceUnavailable(
+            f"a cluster needs a Prefect server that its machines reach; set {API_VARIABLE}, or unset {RUNNER_VARIABLE}"
+        )
+    check_reachable("cluster", settings.cluster, f"start it, or unset {RUNNER_VARIABLE}")
+
+
 def start_server(settings: Settings) -> ServerWatch:
     """Start a Prefect server for this run, and point Prefect to it."""
     typer.echo("starting a Prefect server for this run ...", err=True)
     server = TemporaryServer()
     os.environ.update(server.variables)
-    warm_up()
+    if settings.runner_kind == "threads":
+        warm_up()
     server.wait(settings.startup_seconds)
     _mark_crashed(settings)
     return ServerWatch(lambda: not server.has_ended, patience_s=0.0)
@@ -130,19 +142,21 @@ def _mark_crashed(settings: Settings) -> None:
 
 
 def _run_in_prefect(config: RunConfig, watch: ServerWatch) -> RunOutcome:
+    # Whatever libraries print, the answer alone goes to standard output.
     from flows.collect_infer import collect_infer
     from flows.config import StudyConfig
     from flows.study import study
 
-    with watch.explaining():
+    with watch.explaining(), redirect_stdout(sys.stderr):
         return study(config) if isinstance(config, StudyConfig) else collect_infer(config)
 
 
 def run_stage(name: str, choice: Choice, force: bool, as_json: bool) -> None:
     """``juicer stage``."""
     settings = read_settings()
-    check_device(settings, computes_here=not settings.spread)
+    check_device(settings)
     has_server = prepare_environment(settings)
+    _check_cluster(settings, has_server)
     from flows.running.plan import ready_calls
     from stages.runtime.catalog import find_stage
 
@@ -154,7 +168,7 @@ def run_stage(name: str, choice: Choice, force: bool, as_json: bool) -> None:
     watch = watch_server(settings) if has_server else start_server(settings)
     from flows.single_stage import single_stage
 
-    with watch.explaining():
+    with watch.explaining(), redirect_stdout(sys.stderr):
         refs = single_stage(name, configs, force=force)
     if as_json:
         say_json(refs)

@@ -78,7 +78,7 @@ def check_torch(settings: Settings) -> Iterator[Verdict]:
     build = f"for CUDA or ROCm {facts['cuda']}" if facts["cuda"] else "for processors"
     threads = f"{facts['threads']} thread{'s' if facts['threads'] != 1 else ''}"
     found = f"torch {facts['version']} {build}, {threads}, {facts['gpus']} GPUs; JUICER_DEVICE is {settings.device}"
-    if lack := lack_of(settings.device, facts["gpus"], facts["cuda"]):
+    if lack := lack_of(settings.devices, facts["gpus"], facts["cuda"]):
         yield problem(lack, REMEDY)
     elif facts["gpus"] and settings.device == "cpu":
         yield warning(found, "set JUICER_DEVICE=cuda to train on the GPU")

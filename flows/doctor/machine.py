@@ -25,7 +25,7 @@ def check_cores(settings: Settings) -> Iterator[Verdict]:
     """Processors against the stages that run at a time."""
     cores = usable_cores()
     found = f"{cores:g} processor{'s' if cores != 1 else ''}, JUICER_WORKERS is {settings.workers}"
-    if settings.workers > max(1.0, cores) and not settings.spread:
+    if settings.workers > max(1.0, cores) and not settings.cluster:
         yield warning(found, f"set JUICER_WORKERS={max(1, int(cores))}: more stages at a time slow each other down")
     else:
         yield ok(found)

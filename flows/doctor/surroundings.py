@@ -13,7 +13,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from flows.doctor.verdict import Verdict, ok, problem, warning
-from flows.running.settings import PREFIX, Settings
+from flows.running.settings import PREFIX, RUNNER_VARIABLE, Settings
 from flows.servers.addresses import LOOPBACK, connect
 from juicer.errors import did_you_mean
 
@@ -55,8 +55,8 @@ def check_prefect(settings: Settings) -> Iterator[Verdict]:
     """Whether the Prefect server that the environment names answers."""
     url = os.environ.get(PREFECT_ADDRESS, "")
     if not url:
-        remedy = f"set {PREFECT_ADDRESS}, or unset {PREFIX}SPREAD"
-        if settings.spread:
+        remedy = f"set {PREFECT_ADDRESS}, or unset {RUNNER_VARIABLE}"
+        if settings.cluster:
             yield problem("stages are to run on other machines, and no Prefect server is named", remedy)
         else:
             yield ok("no Prefect server is named: a run uses that of `juicer ui`, or starts one for its own length")

@@ -2,32 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, cast
-
 from prefect.artifacts import create_markdown_artifact, create_table_artifact
-from prefect.futures import PrefectFuture
 from prefect.runtime import flow_run
-from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows.config import RunConfig
-from flows.remote.dispatch import sender
 from flows.running.context import expect, open_run
 from flows.running.execution import RunOutcome, execute
 from flows.running.flow_runs import held
 from flows.running.plan import plan
+from flows.running.runner import opener
 from flows.running.settings import read_settings
 from juicer.artifacts.store import ArtifactStore
 from stages.runtime.prefect_task import PrefectPerformer
-
-STAGES_ELSEWHERE = 256
-"""Stages that other machines work on at the same time; here, each is a thread that waits."""
-
-
-def task_runner() -> TaskRunner[PrefectFuture[Any]]:
-    """As many stages at a time as this machine's settings allow; each works in a process of its own."""
-    settings = read_settings()
-    runner: Any = ThreadPoolTaskRunner(max_workers=STAGES_ELSEWHERE if settings.spread else settings.workers)
-    return cast("TaskRunner[PrefectFuture[Any]]", runner)
 
 
 def run(config: RunConfig) -> RunOutcome:
@@ -35,7 +21,7 @@ def run(config: RunConfig) -> RunOutcome:
     settings = read_settings()
     with (
         held(settings.folder, flow_run.get_id()),
-        open_run(settings, config, PrefectPerformer(), send=sender(settings)) as run_context,
+        open_run(settings, config, PrefectPerformer(opener(settings))) as run_context,
     ):
         store = run_context.session.store
         expect(run_context, plan(store, config))

@@ -12,8 +12,10 @@ from flows.running.plan import PlannedCall
 from flows.running.settings import Settings
 from flows.running.tracking import Tracking
 from flows.terminal.progress import Board
+from juicer.artifacts.recipe import Recipe
+from juicer.config import canonical_json
 from stages.runtime.execution import perform_here
-from stages.runtime.session import Performer, Sender, Session
+from stages.runtime.session import Performer, Session
 from stages.tracking.courier import Courier, Destination
 
 DELIVERY_SECONDS = 60.0
@@ -41,7 +43,6 @@ def open_run(
     config: RunConfig | None,
     performer: Performer = perform_here,
     *,
-    send: Sender | None = None,
     forced: frozenset[str] = frozenset(),
 ) -> Iterator[RunContext]:
     """Everything a run needs, for the length of a block; what was recorded is delivered at its end.
@@ -50,7 +51,6 @@ def open_run(
         settings: Facts about this machine.
         config: The run to be recorded; none records nothing.
         performer: How stage calls are run.
-        send: Has them run on another machine.
         forced: Stages that are recomputed even if their artifact is in the store.
     """
     store = open_store(settings)
@@ -59,11 +59,8 @@ def open_run(
             store,
             performer,
             display=board,
-            workers=settings.workers,
-            num_envs=settings.num_envs,
-            device=settings.device,
+            machine=settings.machine,
             isolate=True,
-            send=send,
             forced=forced,
         )
         if config is None or not settings.tracks:
@@ -87,13 +84,19 @@ def open_run(
 
 
 def expect(context: RunContext, planned: list[PlannedCall]) -> None:
-    """Tell the progress lines what is to come, and how long it took before."""
-    seconds = {
-        manifest.recipe.stage: manifest.seconds
-        for manifest in context.session.store.list()
-        if manifest.recipe.stage in {entry.stage for entry in planned}
-    }
-    context.board.expect([(entry.stage, entry.label) for entry in planned if not entry.exists], seconds)
+    """Tell the progress lines what is to come, and how long the like of it took before."""
+    manifests = context.session.store.list()
+    seconds = {_kind_of_work(manifest.recipe): manifest.seconds for manifest in manifests}
+    to_come = [entry for entry in planned if not entry.exists]
+    context.board.expect(
+        {(entry.stage, entry.label): seconds.get(_kind_of_work(entry.call.recipe)) for entry in to_come}
+    )
+
+
+def _kind_of_work(recipe: Recipe) -> str:
+    """What takes about the same time: a stage with a configuration, whatever it starts from and draws."""
+    content = {name: value for name, value in recipe.config.items() if name not in ("seed", "first", "rows")}
+    return f"{recipe.stage} {canonical_json(content)}"
 
 
 def destination(settings: Settings) -> Destination:

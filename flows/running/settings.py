@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -15,8 +16,10 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from juicer.errors import ConfigError, did_you_mean
 from juicer.problems import first_problem
 from juicer.text import printable
+from stages.runtime.machine import Machine
 
 PREFIX = "JUICER_"
+RUNNER_VARIABLE = f"{PREFIX}RUNNER"
 LONGEST_PLACE = 4096
 
 
@@ -28,9 +31,12 @@ class Settings(BaseSettings):
         store: Artifact store, a folder or an fsspec URL such as ``s3://bucket/juicer``; ``data`` if empty.
         tracking_uri: MLflow tracking address; a SQLite file in ``data`` if empty, ``none`` to track nothing.
         workers: Stages that run at the same time.
-        spread: Whether the stages of flows run on the machines that serve them (``juicer serve``) instead of this one.
+        runner: Where the stages of flows run: ``threads`` of this process; workers of ``dask`` or ``ray`` that are
+            started on this machine for the run; or those of a cluster, by the address of Dask's scheduler
+            (``tcp://HOST:8786``) or of Ray's head (``ray://HOST:10001``).
         num_envs: Simulated environments that a rollout steps side by side.
-        device: Torch device that policies are trained on and act on: ``cpu``, ``cuda``, or ``cuda:1`` for the second.
+        device: Torch device that policies are trained on and act on: ``cpu``, ``cuda``, or ``cuda:1`` for the second;
+            of several, ``cuda:0,cuda:1``, each takes a training of its own.
         allowed_hosts: Names, besides this machine's own, by which browsers and clients may reach servers that juicer
             runs, such as ``prefect.example.org`` or ``127.0.0.1:14200``; separated by commas.
         startup_seconds: How long a Prefect or MLflow server may take to answer after its start.
@@ -42,9 +48,9 @@ class Settings(BaseSettings):
     store: str = ""
     tracking_uri: str = ""
     workers: int = Field(default=2, ge=1, le=1024)
-    spread: bool = False
+    runner: str = Field(default="threads", pattern=r"^(threads|dask|ray|(tcp|tls|ray)://[^\s/]+:[0-9]{1,5})$")
     num_envs: int = Field(default=16, ge=1, le=4096)
-    device: str = Field(default="cpu", pattern="^(cpu|cuda(:[0-9]{1,3})?)$")
+    device: str = Field(default="cpu", pattern="^(cpu|cuda(:[0-9]{1,3})?(,cuda:[0-9]{1,3})*)$")
     allowed_hosts: str = ""
     startup_seconds: int = Field(default=120, ge=1, le=86_400)
 
@@ -73,6 +79,27 @@ class Settings(BaseSettings):
     def store_url(self) -> str:
         """Address of the artifact store."""
         return self.store or str(self.folder)
+
+    @property
+    def devices(self) -> tuple[str, ...]:
+        """The devices, each once."""
+        return tuple(dict.fromkeys(self.device.split(",")))
+
+    @property
+    def machine(self) -> Machine:
+        """How much of this machine a stage may use."""
+        return Machine(self.workers, self.num_envs, self.devices)
+
+    @property
+    def runner_kind(self) -> Literal["threads", "dask", "ray"]:
+        """Whose workers the stages run on."""
+        scheme, separator, _ = self.runner.partition("://")
+        return "ray" if scheme == "ray" else "dask" if separator or scheme == "dask" else "threads"
+
+    @property
+    def cluster(self) -> str:
+        """Address of a cluster of several machines; empty if workers are this machine's."""
+        return self.runner if "://" in self.runner else ""
 
     @property
     def tracks(self) -> bool:

@@ -14,8 +14,6 @@ from flows.servers.environment import API_VARIABLE, PASSWORD_VARIABLE, prepare_e
 from flows.terminal.output import say
 from juicer.errors import ServiceUnavailable
 
-SPREAD_VARIABLE = f"{PREFIX}SPREAD"
-
 
 def serve_flows() -> None:
     """Register the deployments and run what is asked for, until Ctrl-C.
@@ -31,23 +29,18 @@ def serve_flows() -> None:
     mark_crashed(settings.folder, os.environ[API_VARIABLE], os.environ.get(PASSWORD_VARIABLE))
     # Flow runs are processes of their own, which Prefect may start in another folder: places are told as absolute ones.
     os.environ |= {f"{PREFIX}DATA": str(settings.folder), f"{PREFIX}STORE": open_store(settings).url}
-    # Whoever serves does not send on: two machines would wait for each other.
-    os.environ[SPREAD_VARIABLE] = "false"
     from prefect import serve
     from prefect.types.entrypoint import EntrypointType
 
     from flows.deployed import configured, configured_stage, loop, stage_of_loop, study
-    from flows.remote.dispatch import DEPLOYMENT
-    from flows.remote.worker import make
 
-    # Prefect's page sorts them by these names: what is not for people comes last there, too.
+    # Prefect's page sorts them by these names.
     offered: list[tuple[Any, str, str]] = [
         (loop, "loop", "run"),
         (study, "study", "run"),
         (configured, "configuration", "run"),
         (stage_of_loop, "stage", "stage"),
         (configured_stage, "stage-of-configuration", "stage"),
-        (make, DEPLOYMENT, "internal"),
     ]
     deployments: list[Any] = [
         each.to_deployment(

@@ -26,6 +26,8 @@ SCHEMA_VERSION = 1
 MANIFEST_NAME = "manifest.json"
 FINDING = "finding"
 """Key of a summary: in a sentence, why an artifact holds nothing, or less than it seems to."""
+HEADLINE, LABEL = "headline", "label"
+"""Keys of a summary: what is worth saying of an artifact on one line; what it is, in two or three words."""
 
 MOST_BYTES = 2**24
 """Of a manifest: a hundred thousand files."""

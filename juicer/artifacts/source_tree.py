@@ -124,11 +124,13 @@ class SourceTree:
             parents = package.split(".")[: package.count(".") + 2 - imported.level]
             name = ".".join([*parents, name] if name else parents)
         for candidate in (name, *(f"{name}.{part}" for part in imported.names)):
+            if self._is_plumbing(candidate):
+                continue
             parts = candidate.split(".")
             # The outermost package is left out: it holds the release number.
             for count in range(2, len(parts) + 1):
                 module = ".".join(parts[:count])
-                if not self._is_plumbing(module) and self._locate(module):
+                if self._locate(module):
                     yield module
 
     def _is_plumbing(self, name: str) -> bool:

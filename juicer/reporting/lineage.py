@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from juicer.artifacts.manifest import Manifest
+from juicer.artifacts.manifest import LABEL, Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ArtifactError
@@ -37,21 +37,7 @@ def nodes_of(manifests: Mapping[ArtifactRef, Manifest | None]) -> Iterator[Linea
 
 def label_of(manifest: Manifest) -> str:
     """What an artifact is, in a few words."""
-    summary = manifest.summary
-    if manifest.recipe.kind == "evaluation" and "success_rate" in summary:
-        return f"{summary['success_rate']:.0%} of {summary['episodes']} episodes"
-    nouns = {
-        "record": ("logs", "logs"),
-        "ingest": ("episodes", "demonstrations"),
-        "annotate": ("critical_states", "critical states"),
-        "augment": ("snippets", "snippets"),
-        "collect": ("episodes", "rollouts"),
-        "select": ("kept", "kept"),
-        "dataset": ("episodes", "episodes"),
-        "train": ("steps", "steps"),
-    }
-    key, noun = nouns.get(manifest.recipe.stage, ("", ""))
-    return f"{summary[key]} {noun}" if key in summary else manifest.recipe.stage
+    return str(manifest.summary.get(LABEL, manifest.recipe.stage))
 
 
 def checkpoint_of(evaluation: Manifest) -> ArtifactRef | None:

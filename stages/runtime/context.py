@@ -10,6 +10,7 @@ from juicer.artifacts.draft import Draft
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progress
+from stages.runtime.machine import Machine
 
 
 class StageInterrupted(BaseException):
@@ -25,18 +26,14 @@ class StageContext:
         draft: To fill.
         progress: To report to, often: an interrupt takes effect at the next report.
         metrics: Where numbers that form curves go.
-        workers: Threads or processes that may be kept busy; must not shape the result.
-        num_envs: Simulated environments to step side by side; must not shape the result.
-        device: Torch device that policies are trained on and act on.
+        machine: How much of the machine may be used; must not shape the result.
     """
 
     store: ArtifactStore
     draft: Draft
     progress: Progress
     metrics: MetricSink
-    workers: int = 1
-    num_envs: int = 8
-    device: str = "cpu"
+    machine: Machine
 
 
 class Display(Protocol):

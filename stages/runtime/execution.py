@@ -1,4 +1,4 @@
-"""Make the artifact of a stage call: find it, make it here in a process of its own, or have another machine make it."""
+"""Make the artifact of a stage call: find it in the store, or run the stage's body."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import logging
 from dataclasses import dataclass
 
 from juicer.artifacts.draft import Draft
-from juicer.artifacts.manifest import Manifest
+from juicer.artifacts.manifest import HEADLINE
 from juicer.artifacts.ref import ArtifactRef
 from stages.runtime.context import StageContext, StageInterrupted
 from stages.runtime.given_files import check_unchanged
-from stages.runtime.isolation import Work, run_isolated
+from stages.runtime.isolation import check_code, run_isolated
+from stages.runtime.machine import Machine
 from stages.runtime.session import Session
 from stages.runtime.stage import StageCall
 
@@ -30,84 +31,72 @@ def perform_here(call: StageCall, session: Session) -> ArtifactRef:
     return execute(call, session).ref
 
 
+def is_forced(call: StageCall, session: Session) -> bool:
+    """Whether the artifact is to be made even if it is in the store."""
+    return call.stage.name in session.forced and call.recipe.id not in session.fresh
+
+
 def is_reused(call: StageCall, session: Session) -> bool:
     """Whether the artifact is in the store, and is not to be made again all the same."""
-    forced = call.stage.name in session.forced and call.recipe.id not in session.fresh
-    return not forced and session.store.find(call.recipe) is not None
+    return not is_forced(call, session) and session.store.find(call.recipe) is not None
 
 
 def execute(call: StageCall, session: Session) -> Finished:
     """Make the artifact now, in this thread, unless it is in the store."""
-    stage, label = call.stage.name, session.label
     if is_reused(call, session):
-        return _finish(call, session, Finished(call.recipe.ref, reused=True))
+        return finish(call, session, Finished(call.recipe.ref, reused=True))
+    replacing = session.store.find(call.recipe) is not None
     try:
-        adopted = _make(call, session, replacing=session.store.find(call.recipe) is not None)
+        with session.store.create(call.recipe, replacing=replacing) as draft:
+            if not draft.adopted:
+                _fill(call, session, draft)
+                check_unchanged(call.recipe.files, call.stage.describe_files(call.arguments))
     except BaseException as error:
-        state = "stopped" if isinstance(error, StageInterrupted) else "failed"
-        session.display.finished(stage, label, state, {"reason": str(error)})
+        fail(call, session, error)
         raise
-    return _finish(call, session, Finished(call.recipe.ref, reused=adopted))
-
-
-def _make(call: StageCall, session: Session, replacing: bool) -> bool:
-    """Have the artifact made; returns whether somebody else has made it in the meantime."""
-    # Files from outside the store are on this machine only.
-    if session.send is not None and not call.recipe.files:
-        session.display.started(call.stage.name, session.label)
-        session.send(call, session)
-        return False
-    with session.store.create(call.recipe, replacing=replacing) as draft:
-        if not draft.adopted:
-            _fill(call, session, draft)
-            check_unchanged(call.recipe.files, call.stage.describe_files(call.arguments))
-    return draft.adopted
+    return finish(call, session, Finished(call.recipe.ref, reused=draft.adopted))
 
 
 def _fill(call: StageCall, session: Session, draft: Draft) -> None:
-    listener = session.display.started(call.stage.name, session.label)
+    """Run the body; what it needs of the machine is its own meanwhile."""
+    stage, label = call.stage, session.label
+    listener = session.display.started(stage.name, label)
+    logger.info("%s%s: making %s", stage.name, f" ({label})" if label else "", draft.ref)
 
     def progress(done: int, total: int, **facts: float | str) -> None:
         if session.stop.is_set():
             raise StageInterrupted
         listener(done, total, **facts)
 
-    metrics = session.record.metrics(call.stage.name)
-    logger.info("%s%s: making %s", call.stage.name, f" ({session.label})" if session.label else "", draft.ref)
-    if not session.isolate:
-        context = StageContext(
-            session.store, draft, progress, metrics, session.workers, session.num_envs, session.device
-        )
-        call.stage.body(context, **call.arguments)
-        return
-    work = Work(
-        module=call.stage.body.__module__,
-        name=call.stage.name,
-        recipe=call.recipe,
-        arguments=call.arguments,
-        store=session.store,
-        path=draft.path,
-        scratch=draft.scratch,
-        workers=session.workers,
-        num_envs=session.num_envs,
-        device=session.device,
-    )
-    draft.summary.update(run_isolated(work, progress, metrics, session.stop))
+    def run(machine: Machine) -> None:
+        metrics = session.record.metrics(stage.name)
+        context = StageContext(session.store, draft, progress, metrics, machine)
+        if session.isolate:
+            draft.summary |= run_isolated(call, context, session.stop)
+        else:
+            check_code(call)
+            stage.body(context, **call.arguments)
+
+    if stage.facts.needs == "device":
+        with session.machine.leased(lambda: progress(0, 0, waiting_for=" or ".join(session.machine.devices))) as own:
+            run(own)
+    else:
+        run(session.machine)
+    draft.summary |= stage.facts.texts(draft.summary)
 
 
-def _finish(call: StageCall, session: Session, finished: Finished) -> Finished:
+def fail(call: StageCall, session: Session, error: BaseException) -> None:
+    """Tell that a call failed, or was interrupted."""
+    state = "stopped" if isinstance(error, StageInterrupted) else "failed"
+    session.display.finished(call.stage.name, session.label, state, {"reason": str(error)})
+
+
+def finish(call: StageCall, session: Session, finished: Finished) -> Finished:
+    """Tell that the artifact of a call is there."""
     session.fresh.add(finished.ref.id)
     manifest = session.store.manifest(finished.ref)
     state = "reused" if finished.reused else "done"
     session.display.finished(call.stage.name, session.label, state, manifest.summary)
     session.record.made(finished.ref, call.stage.name)
-    logger.info("%s: %s %s %s", call.stage.name, state, finished.ref, brief(manifest))
+    logger.info("%s: %s %s %s", call.stage.name, state, finished.ref, manifest.summary.get(HEADLINE, ""))
     return finished
-
-
-def brief(manifest: Manifest) -> str:
-    """The plain facts of a summary on one line."""
-    facts = {key: value for key, value in manifest.summary.items() if isinstance(value, int | float | str)}
-    return ", ".join(
-        f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}" for key, value in facts.items()
-    )

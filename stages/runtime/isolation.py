@@ -2,12 +2,12 @@
 
 Stages that run side by side would share torch's global switches, the interpreter lock and the memory of finished
 stages; an interrupt would have to wait for the body. In a process of its own, none of this happens. The process
-ends with its parent, whatever ends the parent.
+ends with its parent, whatever ends the parent. A process pool does none of the last three: its workers outlive a
+killed parent, cannot be interrupted one by one, and have no way to report before they are done.
 """
 
 from __future__ import annotations
 
-import importlib
 import logging
 import multiprocessing
 import os
@@ -18,24 +18,19 @@ import threading
 import time
 import traceback
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import cache
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerContext
-from multiprocessing.process import BaseProcess
-from pathlib import Path
 from typing import Any
 
 from juicer.artifacts.code_version import home_of
-from juicer.artifacts.draft import Draft
-from juicer.artifacts.recipe import Recipe
-from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ForeignCode, StageDied
-from juicer.progress import MetricSink, Progress
+from juicer.progress import NullMetricSink, silent_progress
 from stages.runtime.context import StageContext, StageInterrupted
 from stages.runtime.names import STAGES
 from stages.runtime.socket_folder import make_socket_folder
-from stages.runtime.stage import unlike_recipe
+from stages.runtime.stage import StageCall, unlike_recipe
 
 PRELOADED = (
     "torch",
@@ -60,22 +55,6 @@ FAREWELL_SECONDS = 5.0
 _LOGGERS = ("juicer", "stages")
 
 
-@dataclass(frozen=True)
-class Work:
-    """A stage body with its arguments, fit to be sent to another process, and the recipe of what it is to make."""
-
-    module: str
-    name: str
-    recipe: Recipe
-    arguments: Mapping[str, Any]
-    store: ArtifactStore
-    path: Path
-    scratch: Path
-    workers: int
-    num_envs: int
-    device: str
-
-
 def warm_up() -> None:
     """Begin to import what the stages need, in the background, before the first of them runs.
 
@@ -83,26 +62,32 @@ def warm_up() -> None:
         ServiceUnavailable: If there is no place for temporary files.
     """
     # The process that everything is forked from starts with the first one that is asked for.
-    _forking().Process(target=_nothing, daemon=True).start()
+    _forking().Process(target=int, daemon=True).start()
 
 
-def run_isolated(work: Work, progress: Progress, metrics: MetricSink, stop: threading.Event) -> dict[str, Any]:
+def run_isolated(call: StageCall, context: StageContext, stop: threading.Event) -> dict[str, Any]:
     """Run a body in a process of its own and return the summary it leaves.
+
+    Args:
+        call: Whose body.
+        context: What the body works with; its listeners hear what the process reports.
+        stop: Ends the process when it is set.
 
     Raises:
         StageInterrupted: If ``stop`` was set; the process is gone then.
         StageDied: If the process ended without a word, as when the system runs out of memory.
         Exception: Whatever the body raised.
     """
-    context = _forking()
-    receiving, sending = context.Pipe(duplex=False)
-    guarded, guard = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(work, sending, guarded), name=work.name, daemon=False)
+    forking, name = _forking(), call.recipe.stage
+    receiving, sending = forking.Pipe(duplex=False)
+    guarded, guard = forking.Pipe(duplex=False)
+    told = replace(context, progress=silent_progress, metrics=NullMetricSink())
+    process = forking.Process(target=_work, args=(call, told, sending, guarded), name=name, daemon=False)
     process.start()
     sending.close()
     guarded.close()
     try:
-        summary = _listen(receiving, work, progress, metrics, stop)
+        summary = _listen(receiving, context, stop)
         process.join(FAREWELL_SECONDS)
         return summary
     except EOFError:
@@ -110,9 +95,13 @@ def run_isolated(work: Work, progress: Progress, metrics: MetricSink, stop: thre
         if stop.wait(POLL_SECONDS):
             raise StageInterrupted from None
         process.join()
-        raise StageDied(_obituary(work.name, process.exitcode)) from None
+        raise StageDied(_obituary(name, process.exitcode)) from None
     finally:
-        _end(process)
+        # Gently, if it lets itself.
+        process.terminate()
+        process.join(FAREWELL_SECONDS)
+        process.kill()
+        process.join()
         guard.close()
         receiving.close()
 
@@ -125,9 +114,7 @@ def _forking() -> ForkServerContext:
     return context
 
 
-def _listen(
-    receiving: Connection, work: Work, progress: Progress, metrics: MetricSink, stop: threading.Event
-) -> dict[str, Any]:
+def _listen(receiving: Connection, context: StageContext, stop: threading.Event) -> dict[str, Any]:
     while True:
         if stop.is_set():
             raise StageInterrupted
@@ -136,9 +123,9 @@ def _listen(
         kind, content = receiving.recv()
         if kind == "progress":
             done, total, facts = content
-            progress(done, total, **facts)
+            context.progress(done, total, **facts)
         elif kind == "metrics":
-            metrics.log(*content)
+            context.metrics.log(*content)
         elif kind == "log":
             logging.getLogger(content.name).handle(content)
         elif kind == "error":
@@ -146,14 +133,6 @@ def _listen(
         else:
             summary: dict[str, Any] = content
             return summary
-
-
-def _end(process: BaseProcess) -> None:
-    """End a process that may still be at work, gently if it lets itself."""
-    process.terminate()
-    process.join(FAREWELL_SECONDS)
-    process.kill()
-    process.join()
 
 
 def _obituary(name: str, status: int | None) -> str:
@@ -164,11 +143,7 @@ def _obituary(name: str, status: int | None) -> str:
     return f"the process of stage '{name}' ended with status {status} before its work was done"
 
 
-def _nothing() -> None:
-    pass
-
-
-def _work(work: Work, sending: Connection, guarded: Connection) -> None:
+def _work(call: StageCall, context: StageContext, sending: Connection, guarded: Connection) -> None:
     # An interrupt from the keyboard reaches every process; only the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))
@@ -179,39 +154,33 @@ def _work(work: Work, sending: Connection, guarded: Connection) -> None:
         logger.handlers, logger.propagate = [_Forwarder(voice)], False
         logger.setLevel(logging.INFO)
     try:
-        voice.say("summary", _run_body(work, voice))
+        stage = call.stage
+        check_code(call)
+        stage.body(replace(context, progress=voice.progress, metrics=voice), **call.arguments)
+        voice.say("summary", context.draft.summary)
     except Exception as error:
-        error.add_note(f"In the process of stage '{work.name}':\n{traceback.format_exc()}")
-        voice.say("error", _portable(error))
+        voice.say("error", portable(error, call.recipe.stage))
     sending.close()
 
 
-def _run_body(work: Work, voice: _Voice) -> dict[str, Any]:
-    stage = getattr(importlib.import_module(work.module), work.name)
-    _check_code(work)
-    draft = Draft(work.recipe.ref, work.path, work.scratch)
-    context = StageContext(work.store, draft, voice.progress, voice, work.workers, work.num_envs, work.device)
-    stage.body(context, **work.arguments)
-    return draft.summary
-
-
-def _check_code(work: Work) -> None:
+def check_code(call: StageCall) -> None:
     """Refuse to make an artifact with other code, or other tasks, than those its recipe names.
 
     Raises:
         ForeignCode: Naming what differs.
     """
-    changed = unlike_recipe(work.module, work.recipe)
+    changed = unlike_recipe(call.module, call.recipe)
     if changed:
         raise ForeignCode(
-            f"stage '{work.name}' would run other code than its artifact is to be known by ({changed[0]} in "
-            f"'{home_of(work.module)}' differs): it was edited while the run started, or another copy of juicer stands "
+            f"stage '{call.recipe.stage}' would run other code than its artifact is to be known by ({changed[0]} in "
+            f"'{home_of(call.module)}' differs): it was edited while the run started, or another copy of juicer stands "
             "before this one; run the command again, and see that PYTHONPATH names no other copy"
         )
 
 
-def _portable(error: Exception) -> Exception:
-    """The error, or its text if it is one of those that survive no pickling."""
+def portable(error: Exception, stage: str) -> Exception:
+    """The error with where it arose, or its text if it is one of those that survive no pickling."""
+    error.add_note(f"In the process of stage '{stage}':\n{traceback.format_exc()}")
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:

@@ -1,16 +1,7 @@
-"""Names of the stages."""
+"""Names of the stages: every module of this package's parent is one."""
 
-STAGES = (
-    "record",
-    "ingest",
-    "annotate",
-    "augment",
-    "memorise",
-    "dataset",
-    "train",
-    "collect",
-    "select",
-    "evaluate",
-    "report",
-)
-"""In the order of the loop."""
+from __future__ import annotations
+
+from pathlib import Path
+
+STAGES = tuple(sorted(path.stem for path in Path(__file__).parents[1].glob("[a-z]*.py")))

@@ -1,40 +1,37 @@
-"""A stage call as a Prefect task run: its states, retries, progress and summary in Prefect's UI."""
+"""A stage call as a Prefect task run: here, or on the workers of the task runner of the flow run around it."""
 
 from __future__ import annotations
 
-import logging
-import re
 import threading
-import time
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from typing import Any
 from uuid import UUID
 
-from prefect import Task, task
-from prefect.artifacts import create_markdown_artifact, create_progress_artifact, update_progress_artifact
+from prefect import Task, get_client, task
 from prefect.cache_policies import NO_CACHE
-from prefect.client.schemas.objects import State, TaskRun
+from prefect.client.schemas.objects import State, StateType, TaskRun
 from prefect.futures import PrefectFuture
+from prefect.runtime import flow_run
 from prefect.states import Cancelled, Completed
 from prefect.utilities.annotations import quote
 
 from juicer.artifacts.ref import ArtifactRef
-from juicer.errors import ArtifactError
+from juicer.errors import ArtifactError, StageDied
 from juicer.progress import Progress
-from stages.runtime.context import Display, StageInterrupted
-from stages.runtime.execution import execute, is_reused
+from stages.runtime.cluster import Opener, Order
+from stages.runtime.context import SilentDisplay, StageInterrupted
+from stages.runtime.execution import Finished, execute, fail, finish, is_reused
+from stages.runtime.prefect_display import PrefectDisplay, attempt, shown_percent
 from stages.runtime.session import Session
 from stages.runtime.stage import StageCall
 
-logger = logging.getLogger(__name__)
-
 REUSED = "Reused"
 REUSED_SUFFIX = " (reused)"
-UPDATE_SECONDS = 5.0
+POLL_SECONDS = 2.0
 TRANSIENT = (ConnectionError, TimeoutError)
 """What may pass by itself: a store or server that does not answer. Everything else fails the same way again."""
 
@@ -45,30 +42,38 @@ class PrefectPerformer:
     Calls for one id wait for each other outside the task runner, so that none occupies a worker in vain.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, opener: Opener | None = None) -> None:
+        """Run calls in this process, or, with an opener, on the workers of a cluster.
+
+        Args:
+            opener: Opens a store on a worker.
+        """
+        self._opener = opener
         self._locks: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
-        self._futures: dict[ArtifactRef, PrefectFuture[Any]] = {}
+        self._states: dict[ArtifactRef, State[Any]] = {}
 
     def __call__(self, call: StageCall, session: Session) -> ArtifactRef:
         """Run a call as a Prefect task.
 
         Raises:
             StageInterrupted: If the user asked for an end.
+            StageDied: If the worker that ran it died, again and again.
         """
-        upstream = [self._futures[ref] for ref in call.recipe.parents if ref in self._futures]
+        upstream = [self._states[ref] for ref in call.recipe.parents if ref in self._states]
         with self._locks[call.recipe.id]:
             if session.stop.is_set():
                 raise StageInterrupted
-            name = f"{call.stage.name} {session.label}".strip()
+            name, is_there = f"{call.stage.name} {session.label}".strip(), False
             # The graph shows names and, for both, the colour of what has completed.
             with suppress(*TRANSIENT, ArtifactError):  # the task itself finds out, and tries again
-                name += REUSED_SUFFIX if is_reused(call, session) else ""
-            prefect_task = _task(call.stage.name, call.stage.description).with_options(task_run_name=name)
-            future = prefect_task.submit(
-                call=quote(call), session=quote(session), return_state=False, wait_for=upstream
-            )
+                is_there = is_reused(call, session)
+            name += REUSED_SUFFIX if is_there else ""
             try:
-                ref: ArtifactRef = future.result()
+                # Files from outside the store are on this machine only.
+                if self._opener and not is_there and not call.recipe.files:
+                    state = _on_a_worker(name, Order(call, session, self._opener), session, upstream)
+                else:
+                    state = _here(name, call, session, upstream, at_once=self._opener is not None)
             except Exception:
                 if session.stop.is_set():
                     raise StageInterrupted from None
@@ -77,12 +82,68 @@ class PrefectPerformer:
                 # An interrupt reaches the thread that waits; the stage's own is to hear of it.
                 session.stop.set()
                 raise
-            self._futures[ref] = future
-            return ref
+            self._states[call.recipe.ref] = state
+            return call.recipe.ref
+
+
+def _here(name: str, call: StageCall, session: Session, upstream: list[State[Any]], *, at_once: bool) -> State[Any]:
+    """Make an artifact in this process: in this thread, or when a thread of the task runner is free."""
+    prefect_task = _task(_make, call.stage.name, call.stage.description).with_options(task_run_name=name)
+    if at_once:
+        state: State[Any] = prefect_task(quote(call), quote(session), wait_for=upstream, return_state=True)
+        state.result()
+        return state
+    future: PrefectFuture[Any] = prefect_task.submit(quote(call), quote(session), wait_for=upstream)
+    future.result()
+    return future.state
+
+
+def _on_a_worker(name: str, order: Order, session: Session, upstream: list[State[Any]]) -> State[Any]:
+    """Have a worker make an artifact, and show meanwhile how far it is."""
+    call, display = order.call, session.display
+    prefect_task = _task(_make_on_order, call.stage.name, call.stage.description).with_options(task_run_name=name)
+    progress: Progress | None = None
+    future: PrefectFuture[Any] = prefect_task.submit(order, wait_for=upstream)
+    try:
+        while not _is_over(future):
+            if session.stop.is_set():
+                raise StageInterrupted
+            if (percent := shown_percent(call.stage.name, session.label)) is not None:
+                progress = progress or display.started(call.stage.name, session.label)
+                progress(round(percent), 100)
+    except BaseException as error:
+        fail(call, session, error)
+        raise
+    if session.store.find(call.recipe) is None:
+        raise ArtifactError(
+            f"a worker has made {call.recipe.ref}, but not in '{session.store.url}'; "
+            "set JUICER_STORE to one place that all machines reach"
+        )
+    finish(call, session, Finished(call.recipe.ref, reused=future.state.name == REUSED))
+    return future.state
+
+
+def _is_over(future: PrefectFuture[Any]) -> bool:
+    """Whether a task is done, after waiting for a while; raises what it raised."""
+    try:
+        future.result(timeout=POLL_SECONDS)
+    except TimeoutError as error:
+        # That of Prefect names the task; any other is the stage's own.
+        if str(future.task_run_id) in str(error):
+            return False
+        raise
+    except Exception as error:
+        if type(error).__module__.partition(".")[0] in ("distributed", "ray"):
+            raise StageDied(
+                f"the workers that a stage was given to died ({type(error).__name__}); their machines may have run out "
+                "of memory; run it again to continue"
+            ) from None
+        raise
+    return True
 
 
 @cache
-def _task(name: str, description: str) -> Task[[StageCall, Session], Any]:
+def _task(function: Callable[..., Any], name: str, description: str) -> Task[..., Any]:
     # The artifact store is the only cache: Prefect's own would neither see changed files nor changed helpers.
     return task(
         name=name,
@@ -92,12 +153,34 @@ def _task(name: str, description: str) -> Task[[StageCall, Session], Any]:
         retries=2,
         retry_delay_seconds=[5, 30],
         retry_condition_fn=_may_pass,
-    )(_run)
+    )(function)
 
 
-def _run(call: StageCall, session: Session) -> ArtifactRef | State[Any]:
+def _make(call: StageCall, session: Session) -> ArtifactRef | State[Any]:
+    return _told(lambda: execute(call, replace(session, display=PrefectDisplay(session.display))))
+
+
+def _make_on_order(order: Order) -> ArtifactRef | State[Any]:
+    """On a worker, which learns from Prefect that nobody waits for it any more."""
+    stop, run_id = threading.Event(), flow_run.get_id()
+
+    def look() -> None:
+        if attempt(_is_abandoned, run_id=run_id):
+            stop.set()
+
+    return _told(lambda: order.execute(PrefectDisplay(SilentDisplay(), look), stop))
+
+
+def _is_abandoned(run_id: str) -> bool:
+    """Whether a flow run is over, or about to be."""
+    with get_client(sync_client=True) as client:
+        state = client.read_flow_run(UUID(run_id)).state
+    return state is not None and (state.is_final() or state.type is StateType.CANCELLING)
+
+
+def _told(make: Callable[[], Finished]) -> ArtifactRef | State[Any]:
     try:
-        finished = execute(call, replace(session, display=_PrefectDisplay(session.display)))
+        finished = make()
     except StageInterrupted:
         return Cancelled(message="interrupted by the user")
     return Completed(name=REUSED, data=finished.ref) if finished.reused else finished.ref
@@ -110,52 +193,3 @@ def _may_pass(task: Task[Any, Any], task_run: TaskRun, state: State[Any]) -> boo
             return True
         error = error.__cause__
     return False
-
-
-class _PrefectDisplay:
-    """Repeats to Prefect's UI what is shown to the user."""
-
-    def __init__(self, inner: Display) -> None:
-        self._inner = inner
-        self._progress: UUID | None = None
-
-    def started(self, stage: str, label: str) -> Progress:
-        listener = self._inner.started(stage, label)
-        self._progress = _attempt(
-            create_progress_artifact, progress=0.0, key=_key(stage, label, "progress"), description=f"{stage} {label}"
-        )
-        due = time.monotonic() + UPDATE_SECONDS
-
-        def progress(done: int, total: int, **facts: float | str) -> None:
-            nonlocal due
-            listener(done, total, **facts)
-            if self._progress and total and time.monotonic() >= due:
-                _attempt(update_progress_artifact, artifact_id=self._progress, progress=100.0 * done / total)
-                due = time.monotonic() + UPDATE_SECONDS
-
-        return progress
-
-    def finished(self, stage: str, label: str, state: str, summary: Mapping[str, Any]) -> None:
-        self._inner.finished(stage, label, state, summary)
-        if self._progress and state == "done":
-            _attempt(update_progress_artifact, artifact_id=self._progress, progress=100.0)
-        if state == "done":
-            _attempt(create_markdown_artifact, markdown=_table(summary), key=_key(stage, label, "summary"))
-
-
-def _attempt(action: Any, **arguments: Any) -> Any:
-    """What Prefect shows is not worth the work it shows: if its server is away, go on."""
-    try:
-        return action(**arguments)
-    except Exception as error:
-        logger.debug("Prefect took no artifact: %s", error)
-        return None
-
-
-def _key(*parts: str) -> str:
-    return "-".join(re.sub(r"[^a-z0-9]+", "-", part.lower()).strip("-") for part in parts if part)
-
-
-def _table(summary: Mapping[str, Any]) -> str:
-    rows = "\n".join(f"| {key} | {value} |" for key, value in summary.items())
-    return f"| fact | value |\n| --- | --- |\n{rows}\n"

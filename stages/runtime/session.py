@@ -11,6 +11,7 @@ from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from stages.runtime.context import Display, NoRecord, Record, SilentDisplay
+from stages.runtime.machine import Machine
 from stages.runtime.stage import StageCall
 
 ROUND = " round "
@@ -25,11 +26,8 @@ class Session:
         performer: Runs a prepared call: at once, as a Prefect task, or only in thought.
         display: Shows progress.
         record: Keeps the experiment's history.
-        workers: Threads or processes a stage may keep busy.
-        num_envs: Simulated environments a rollout steps side by side.
-        device: Torch device that policies are trained on and act on.
+        machine: How much of this machine a stage may use.
         isolate: Whether each stage body gets a process of its own.
-        send: Has an artifact made on another machine that shares the store; none if all are made here.
         label: Which condition, seed and round the calls are for.
         forced: Names of stages that are recomputed even if their artifact is in the store.
         stop: Set when the user asked for an end.
@@ -41,11 +39,8 @@ class Session:
     performer: Performer
     display: Display = field(default_factory=SilentDisplay)
     record: Record = field(default_factory=NoRecord)
-    workers: int = 1
-    num_envs: int = 8
-    device: str = "cpu"
+    machine: Machine = field(default_factory=Machine)
     isolate: bool = False
-    send: Sender | None = None
     label: str = ""
     forced: frozenset[str] = frozenset()
     stop: threading.Event = field(default_factory=threading.Event)
@@ -72,4 +67,3 @@ class Session:
 
 
 Performer = Callable[[StageCall, Session], ArtifactRef]
-Sender = Callable[[StageCall, Session], None]

@@ -16,6 +16,7 @@ its inputs were made of, and no others.
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -30,6 +31,7 @@ from juicer.errors import WrongArtifactKind
 from juicer.tasks.content import task_content
 from juicer.tasks.task_name import tasks_in
 from stages.runtime.context import StageContext
+from stages.runtime.facts import Need, ShownAs, StageFacts
 from stages.runtime.given_files import describe_files
 
 P = ParamSpec("P")
@@ -37,13 +39,27 @@ CONFIG = "config"
 
 
 class StageCall:
-    """A stage with its arguments and the recipe they make. Not a dataclass, so that Prefect does not search it."""
+    """A stage with its arguments and the recipe they make. Not a dataclass, so that Prefect does not search it.
+
+    Pickled, it is data only: where it arrives, the stage is imported when it is asked for.
+    """
 
     def __init__(self, stage: Stage[Any], arguments: Mapping[str, Any], recipe: Recipe) -> None:
         """Bring the three together; use :meth:`Stage.prepare`."""
         self.stage = stage
+        self.module = stage.body.__module__
         self.arguments = arguments
         self.recipe = recipe
+
+    @cached_property
+    def stage(self) -> Stage[Any]:
+        """What is called."""
+        stage: Stage[Any] = getattr(importlib.import_module(self.module), self.recipe.stage)
+        return stage
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the stage."""
+        return {name: value for name, value in vars(self).items() if name != "stage"}
 
 
 class Origins(Protocol):
@@ -71,12 +87,14 @@ class Stage(Generic[P]):
         kind: str,
         inputs: Mapping[str, str],
         libraries: tuple[str, ...],
+        facts: StageFacts,
     ) -> None:
         """Wrap a body; see :func:`stage`."""
         self.name = body.__name__
         self.kind = kind
         self.body = body
         self.description = (body.__doc__ or "").strip().partition("\n")[0]
+        self.facts = facts
         self._inputs = dict(inputs)
         self._libraries = libraries
 
@@ -182,7 +200,15 @@ def unlike_recipe(module: str, recipe: Recipe) -> list[str]:
 
 
 def stage(
-    *, kind: str, inputs: Mapping[str, str] | None = None, libraries: tuple[str, ...] = ()
+    *,
+    kind: str,
+    inputs: Mapping[str, str] | None = None,
+    libraries: tuple[str, ...] = (),
+    noun: str = "",
+    counts: str = "",
+    headline: tuple[str, ...] = (),
+    shows_as: ShownAs = "dataset",
+    needs: Need | None = None,
 ) -> Callable[[Callable[Concatenate[StageContext, P], None]], Stage[P]]:
     """Turn a function from artifacts to one artifact into a stage.
 
@@ -190,9 +216,15 @@ def stage(
         kind: Kind of the artifact that the body makes.
         inputs: Kind that each of its inputs must be of, by role.
         libraries: Distributions whose version shapes the result.
+        noun: What its artifact holds, in the plural, e.g. ``rollouts``.
+        counts: Fact of the summary that says how many.
+        headline: Facts of the summary that are worth a place on one line, in this order.
+        shows_as: What its artifact is in the records of experiments.
+        needs: What of the machine it must have to itself while it works.
     """
+    facts = StageFacts(noun, counts, headline, shows_as, needs)
 
     def decorate(body: Callable[Concatenate[StageContext, P], None]) -> Stage[P]:
-        return Stage(body, kind, inputs or {}, libraries)
+        return Stage(body, kind, inputs or {}, libraries, facts)
 
     return decorate

@@ -214,7 +214,7 @@ def test_proxy_for_this_machines_own_servers_is_a_problem(settings, monkeypatch)
 def test_prefect_server_that_does_not_answer_is_a_problem(settings, monkeypatch):
     monkeypatch.delenv("PREFECT_API_URL", raising=False)
     assert states(check_prefect(settings)) == [State.OK]
-    assert states(check_prefect(settings.model_copy(update={"spread": True}))) == [State.PROBLEM]
+    assert states(check_prefect(settings.model_copy(update={"runner": "tcp://lab:8786"}))) == [State.PROBLEM]
     with socket.create_server(("127.0.0.1", 0)) as listener:
         address = f"http://127.0.0.1:{listener.getsockname()[1]}/api"
         monkeypatch.setenv("PREFECT_API_URL", address)

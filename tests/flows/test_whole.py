@@ -9,23 +9,17 @@ import sqlite3
 import subprocess
 import sys
 import time
-from dataclasses import replace
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
+from distributed import LocalCluster
 
-from flows.remote.dispatch import DEPLOYMENT, send
-from flows.remote.worker import make
 from flows.running.settings import read_settings
-from flows.servers.environment import API_VARIABLE, DATABASE_VARIABLE, PASSWORD_VARIABLE, quiet_environment
+from flows.servers.environment import DATABASE_VARIABLE, quiet_environment
 from flows.servers.temporary import TemporaryServer
+from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from juicer.errors import ArtifactError, ServiceUnavailable
-from stages.record import RecordConfig, record
-from stages.runtime.execution import execute, perform_here
-from stages.runtime.session import Session
-from stages.runtime.stage import StageCall
 
 SMOKE = Path(__file__).parents[2] / "configs" / "smoke.yaml"
 
@@ -68,10 +62,6 @@ def juicer(data, *arguments, server=None):
     return subprocess.Popen(
         command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
-
-
-def prefect_settings(server):
-    return {PREFECT_API_URL: server[API_VARIABLE], PREFECT_API_AUTH_STRING: server[PASSWORD_VARIABLE]}
 
 
 def finish(process, status=0):
@@ -167,42 +157,72 @@ def test_damaged_checkpoint_is_repaired(data, first):
     finish(juicer(data, "evaluate", checkpoint, "-n", "1", "--seed-start", "9"))
 
 
-RECORDING = record.prepare(
-    Session(ArtifactStore("nowhere"), perform_here),
-    config=RecordConfig(task="one_leg", randomness="low", demonstrations=1, first=50),
-)
+def worker_at_work(data, process):
+    """The process, other than the run's own, that holds the lock of a training."""
+    for _ in range(1200):
+        if process.poll() is not None:
+            pytest.fail(process.stderr.read())
+        for lock in Path("/proc").glob("[0-9]*/fd/*"):
+            pid = int(lock.parts[2])
+            with suppress(OSError):
+                if pid != process.pid and lock.readlink().match(f"{data}/.work/locks/*.lock"):
+                    return pid
+        time.sleep(0.1)
+    pytest.fail("no stage began")
 
 
-def test_a_stage_does_not_wait_for_ever_for_a_machine_to_serve_it(data, server, monkeypatch):
-    monkeypatch.setattr("flows.remote.dispatch.PATIENCE_SECONDS", 0.5)
-    with temporary_settings(prefect_settings(server)):
-        make.to_deployment(DEPLOYMENT).apply()
-        with pytest.raises(ServiceUnavailable, match="no machine offers to run stages; start `juicer serve`"):
-            execute(RECORDING, Session(ArtifactStore(data), perform_here, send=send))
+TRAINED = [*RUN, "--set=conditions=[bc]", "--set=policies.diffusion.training.steps=600", "--json"]
 
 
 @pytest.fixture(scope="module")
-def serving(data, server):
-    """A machine that runs the stages of others, and a session that sends them."""
-    process = juicer(data, "serve", server=server)
-    for line in process.stdout:
-        if line.startswith("waiting for runs"):
-            break
-    else:
-        pytest.fail(process.stderr.read())
-    with temporary_settings(prefect_settings(server)):
-        yield Session(ArtifactStore(data), perform_here, send=send, label="bc seed 0")
-    os.killpg(process.pid, signal.SIGINT)
-    process.communicate(timeout=60)
+def plain(server, tmp_path_factory):
+    """Artifacts of a run on threads."""
+    data = tmp_path_factory.mktemp("plain") / "data"
+    return data, json.loads(finish(juicer(data, *TRAINED, server=server))[0])
 
 
-def test_a_stage_runs_on_the_machine_that_serves_stages(serving):
-    finished = execute(RECORDING, serving)
-    assert not finished.reused
-    assert serving.store.manifest(finished.ref).summary["successes"] == 1
+@pytest.mark.slow
+@pytest.mark.parametrize("runner", ["dask", "ray"])
+def test_a_killed_worker_leads_to_the_same_artifacts(plain, server, tmp_path, runner):
+    process = juicer(tmp_path / "data", *TRAINED, server={**server, "JUICER_RUNNER": runner})
+    while "train" not in (line := process.stderr.readline()) or "begins" not in line:
+        assert line, "the run ended before it trained"
+    os.kill(worker_at_work(tmp_path / "data", process), signal.SIGKILL)
+    found = json.loads(finish(process)[0])
+    assert found == plain[1]
+    for name in ("checkpoint", "evaluation"):
+        ref = ArtifactRef.parse(found["models"][0][name])
+        there, here = (ArtifactStore(data).manifest(ref) for data in (tmp_path / "data", plain[0]))
+        assert there.content == here.content
 
 
-def test_a_machine_with_another_juicer_declines(serving):
-    asked = StageCall(record, RECORDING.arguments, replace(RECORDING.recipe, code="of yesterday"))
-    with pytest.raises(ArtifactError, match=r"another juicer, or other libraries, than the one that asks: .*code"):
-        execute(asked, serving)
+@pytest.fixture(scope="module")
+def lab(data, tmp_path_factory):
+    """Address of a Dask scheduler with a worker that has a data folder of its own."""
+    folder = tmp_path_factory.mktemp("lab")
+    environment = {**os.environ, "JUICER_DATA": str(folder / "data"), "PYTHONPATH": str(SMOKE.parents[1])}
+    with LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None) as cluster:
+        address = cluster.scheduler_address
+        command = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads=1", "--no-dashboard"]
+        worker = subprocess.Popen(command, env=environment, cwd=folder, start_new_session=True)
+        yield address
+        os.killpg(worker.pid, signal.SIGTERM)
+        worker.wait(60)
+
+
+def test_a_stage_runs_on_the_cluster_of_a_lab(data, server, lab):
+    chosen = ("-c", str(SMOKE), "--set=record.demonstrations=1", "--set=record.first=50", "--condition", "bc")
+    out, err = finish(juicer(data, "stage", "record", *chosen, server={**server, "JUICER_RUNNER": lab}))
+    assert "✓ record" in err
+    assert ArtifactStore(data).manifest(ArtifactRef.parse(out.split()[0])).summary["successes"] == 1
+
+
+def test_a_cluster_that_does_not_answer_is_named(data, server):
+    address = "tcp://127.0.0.1:9"
+    _, err = finish(juicer(data, *RUN, server={**server, "JUICER_RUNNER": address}), status=1)
+    assert f"the cluster at '{address}' does not answer" in err
+
+
+def test_a_cluster_needs_a_prefect_server_that_it_reaches(data):
+    _, err = finish(juicer(data, *RUN, server={"JUICER_RUNNER": "ray://127.0.0.1:9"}), status=1)
+    assert "a cluster needs a Prefect server that its machines reach" in err

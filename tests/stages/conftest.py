@@ -25,14 +25,23 @@ import time
 from pathlib import Path
 
 from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
 from juicer.config import StrictConfig
 from juicer.errors import NothingLeft
 from stages.runtime.context import StageContext
+from stages.runtime.execution import perform_here
+from stages.runtime.machine import Machine
+from stages.runtime.session import Session
 from stages.runtime.stage import stage
 
 
 class ToyConfig(StrictConfig):
     words: int = 1
+
+
+def open_store(url: str) -> Session:
+    """What a worker of a cluster has."""
+    return Session(ArtifactStore(url), perform_here, machine=Machine(num_envs=5))
 
 
 @stage(kind="episodes", libraries=("numpy",))
@@ -54,6 +63,14 @@ def count(
     total = sum(len((context.store.open(ref) / "words.txt").read_text().split()) for ref in episodes)
     (context.draft.path / "count.txt").write_text(str(total))
     context.draft.summary["total"] = total
+
+
+@stage(kind="episodes", needs="device")
+def devote(context: StageContext, *, config: ToyConfig) -> None:
+    """Use a device long enough for another to need one too."""
+    time.sleep(0.5)
+    (context.draft.path / "words.txt").write_text("word " * config.words)
+    context.draft.summary["device"] = context.machine.device
 
 
 @stage(kind="episodes")

@@ -52,6 +52,7 @@ from stages.memorise import MemoriseConfig, memorise
 from stages.record import RecordConfig, record
 from stages.report import ReportConfig, report
 from stages.runtime.execution import perform_here
+from stages.runtime.machine import Machine
 from stages.runtime.session import Session
 from stages.select import SelectConfig, select
 from stages.train import TrainConfig, train
@@ -99,7 +100,7 @@ def logs(tmp_path_factory, recording, second_recording):
 
 @pytest.fixture(scope="module")
 def loop(tmp_path_factory, logs):
-    session = Session(ArtifactStore(tmp_path_factory.mktemp("store")), perform_here, num_envs=2)
+    session = Session(ArtifactStore(tmp_path_factory.mktemp("store")), perform_here, machine=Machine(num_envs=2))
     demonstrations = ingest(session, files=logs, config=INGEST)
     annotations = annotate(session, episodes=demonstrations, config=AnnotationConfig())
     corrective = augment(session, episodes=demonstrations, annotations=annotations, config=AUGMENT)
@@ -121,7 +122,7 @@ def summary(loop, ref):
 
 def test_second_loop_reuses_everything(loop, logs):
     before = loop.store.refs()
-    session = replace(loop.session, workers=2, num_envs=3, isolate=True)
+    session = replace(loop.session, machine=Machine(workers=2, num_envs=3), isolate=True)
     assert ingest(session, files=logs, config=INGEST) == loop.demonstrations
     assert learn(session, loop.demonstrations, loop.corrective) == loop.checkpoint
     assert evaluate(session, checkpoint=loop.checkpoint, config=EVALUATE) == loop.evaluation
@@ -324,7 +325,7 @@ def test_evaluation_has_a_row_an_episode_an_interval_and_examples(loop):
 
 
 def test_evaluation_does_not_depend_on_how_many_episodes_run_beside_each_other(loop):
-    other = evaluate(replace(loop.session, num_envs=1), checkpoint=loop.checkpoint, config=EVALUATE)
+    other = evaluate(replace(loop.session, machine=Machine(num_envs=1)), checkpoint=loop.checkpoint, config=EVALUATE)
     assert other == loop.evaluation
     store = ArtifactStore(loop.store.url + "-other")
     for ref in (loop.demonstrations, loop.annotations, loop.corrective, loop.checkpoint):
@@ -334,7 +335,9 @@ def test_evaluation_does_not_depend_on_how_many_episodes_run_beside_each_other(l
                     target = draft.path / path.relative_to(loop.store.open(ref))
                     target.parent.mkdir(parents=True, exist_ok=True)
                     target.write_bytes(path.read_bytes())
-    again = evaluate(replace(loop.session, store=store, num_envs=1), checkpoint=loop.checkpoint, config=EVALUATE)
+    again = evaluate(
+        replace(loop.session, store=store, machine=Machine(num_envs=1)), checkpoint=loop.checkpoint, config=EVALUATE
+    )
     assert store.manifest(again).content == loop.store.manifest(loop.evaluation).content
 
 

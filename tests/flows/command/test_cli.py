@@ -204,7 +204,7 @@ def test_misspelt_variable_is_refused(capsys, store, monkeypatch):
     [
         (["ls", "--jsno"], "No such option: --jsno"),
         (["ls", "episode"], "'episode' is none of logs, episodes, .*; did you mean 'episodes'"),
-        (["stage", "trian", "--config", "smoke"], "'trian' is none of record, .*; did you mean 'train'"),
+        (["stage", "trian", "--config", "smoke"], "'trian' is none of annotate, .*; did you mean 'train'"),
         (["run", "smoke", "--task", "lmap"], "'lmap' is none of one_leg, .*; did you mean 'lamp'"),
         (["evaluate", "abc", "--randomness", "lo"], "'lo' is none of low, med, high; did you mean 'low'"),
         (["evaluate", "abc", "--episodes", "3", "-n", "4"], "'--episodes' is given 2 times and counts once"),

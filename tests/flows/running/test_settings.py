@@ -28,6 +28,26 @@ def test_device_may_be_a_gpu(monkeypatch, device):
     assert read_settings().device == device
 
 
+def test_devices_are_counted_once_each(monkeypatch):
+    monkeypatch.setenv("JUICER_DEVICE", "cuda:0,cuda:1,cuda:0")
+    assert read_settings().machine.devices == ("cuda:0", "cuda:1")
+
+
+@pytest.mark.parametrize(
+    ("runner", "kind", "cluster"),
+    [
+        ("threads", "threads", ""),
+        ("dask", "dask", ""),
+        ("tls://lab:8786", "dask", "tls://lab:8786"),
+        ("ray", "ray", ""),
+        ("ray://lab:10001", "ray", "ray://lab:10001"),
+    ],
+)
+def test_an_address_says_whose_cluster_it_is(monkeypatch, runner, kind, cluster):
+    monkeypatch.setenv("JUICER_RUNNER", runner)
+    assert (read_settings().runner_kind, read_settings().cluster) == (kind, cluster)
+
+
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
@@ -37,7 +57,10 @@ def test_device_may_be_a_gpu(monkeypatch, device):
         ("JUICER_WORKERS", "1e9", r"JUICER_WORKERS: must be a whole number, got '1e9'"),
         ("JUICER_WORKERS", "9" * 5000, r"JUICER_WORKERS: must be .*, got"),
         ("JUICER_NUM_ENVS", "1000000000", r"JUICER_NUM_ENVS: must be at most 4096"),
-        ("JUICER_SPREAD", "perhaps", r"JUICER_SPREAD: must be true or false, got 'perhaps'"),
+        ("JUICER_SPREAD", "1", r"JUICER_SPREAD is not known"),
+        ("JUICER_RUNNER", "perhaps", r"JUICER_RUNNER: .*threads\|dask\|ray.*got 'perhaps'"),
+        ("JUICER_RUNNER", "tcp://lab", r"JUICER_RUNNER: .*got 'tcp://lab'"),
+        ("JUICER_DEVICE", "cuda:0,cpu", r"JUICER_DEVICE: .*got 'cuda:0,cpu'"),
         ("JUICER_DATA", "a\x1b[2Jb", r"JUICER_DATA: must be .* without control characters, got 'a\\+x1b\[2Jb'"),
         ("JUICER_STORE", "x" * 5000, r"JUICER_STORE: must be at most 4096 letters"),
         ("JUICER_W\x1bORKERS", "1", r"JUICER_W\\x1bORKERS is not known; did you mean 'JUICER_WORKERS'"),

@@ -1,1 +1,0 @@
-"""Stages on other machines."""

@@ -1,0 +1,27 @@
+"""What a run expects of the stages to come."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from flows.config import CollectInferConfig
+from flows.running.context import RunContext, expect
+from flows.running.plan import plan
+from flows.terminal.progress import Board
+from juicer.artifacts.store import ArtifactStore
+from stages.runtime.execution import perform_here
+from stages.runtime.session import Session
+
+
+def test_a_stage_may_take_as_long_as_the_last_one_with_its_configuration(tmp_path):
+    store, board = ArtifactStore(tmp_path), Board()
+    first, *_ = planned = plan(store, CollectInferConfig())
+    recipe = first.call.recipe
+    for changed in ({"seed": 7}, {"demonstrations": 3}):
+        with store.create(replace(recipe, config={**recipe.config, **changed})):
+            pass
+    seconds = {manifest.recipe.config["seed"]: manifest.seconds for manifest in store.list()}
+    expect(RunContext(Session(store, perform_here), board, None), planned)
+    expected = board._forecast.expected
+    assert expected["record", first.label] == seconds[7]
+    assert {call for call, known in expected.items() if known is not None} == {("record", first.label)}
