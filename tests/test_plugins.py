@@ -24,11 +24,12 @@ from stages.memorise import MemoriseConfig, memorise
 from stages.record import RecordConfig, record
 from stages.runtime.catalog import find_stage
 from stages.runtime.execution import perform_here
+from stages.runtime.machine import Machine
 from stages.runtime.session import Session
 
 if __name__ == "__main__":
     store = ArtifactStore(sys.argv[1])
-    session = Session(store, perform_here, isolate=True, num_envs=1)
+    session = Session(store, perform_here, machine=Machine(num_envs=1), isolate=True)
     start = {"task": "stool", "randomness": "low"}
     logs = record(session, config=RecordConfig(**start, demonstrations=1, max_recordings=3))
     episodes = ingest(session, logs=logs, config=IngestionConfig(task="stool"))

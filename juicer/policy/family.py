@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.metadata
 import logging
 import pkgutil
 from collections.abc import Iterator
@@ -14,6 +13,7 @@ from typing import Any, ClassVar, Generic, TypeVar, Union
 from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
+from juicer.announced import announced, origin_of
 from juicer.config import StrictConfig
 from juicer.text import printable
 
@@ -85,8 +85,8 @@ class Family(Generic[MemberT]):
                     yield name, value
 
     def _installed(self) -> Iterator[tuple[str, type[MemberT]]]:
-        for entry in sorted(importlib.metadata.entry_points(group=self.group), key=lambda entry: entry.name):
-            origin = f"entry point '{printable(entry.name)}' of {self.group}"
+        for entry in announced(self.group).values():
+            origin = f"{self.group}: {origin_of(entry)}"
             try:
                 config = entry.load()
             except Exception as error:  # whatever a stranger's module may raise
@@ -95,4 +95,4 @@ class Family(Generic[MemberT]):
             if isinstance(config, type) and issubclass(config, self.base) and config is not self.base:
                 yield origin, config
             else:
-                logger.warning("%s is left out: it is no subclass of %s", origin, self.base.__name__)
+                logger.warning("%s is left out: it is not a subclass of %s", origin, self.base.__name__)

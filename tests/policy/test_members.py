@@ -134,9 +134,12 @@ def test_an_encoder_and_a_head_from_elsewhere_train_and_act(installed, tmp_path,
     answer = json.loads(result.stdout)
     assert {"encoders.members.1.layer.weight", "head.layer.weight"} <= set(answer["weights"])
     assert answer["steps"] == 4
-    assert "entry point 'broken' of juicer.encoders is left out: ModuleNotFoundError" in result.stderr
-    assert "entry point 'none' of juicer.encoders is left out: it is no subclass of EncoderConfig" in result.stderr
-    assert "entry point 'gripper' of juicer.heads is left out: it is no subclass of HeadConfig" in result.stderr
+    assert "juicer.encoders: 'toy_broken:Config' of package 'toy' is left out: ModuleNotFoundError" in result.stderr
+    assert "of package 'toy' is left out: it is not a subclass of EncoderConfig" in result.stderr
+    assert (
+        "juicer.heads: 'toy_configs:GripperConfig' of package 'toy' is left out: it is not a subclass of HeadConfig"
+        in result.stderr
+    )
 
 
 def test_every_folder_is_a_member_and_every_member_has_a_folder():
