@@ -42,7 +42,7 @@ def test_wilson_half_width_at_59_percent(trials: int, points: float):
 
 @pytest.mark.parametrize(("successes", "trials"), [(0, 0), (3, 2), (-1, 2)])
 def test_wilson_interval_needs_a_rate(successes: int, trials: int):
-    with pytest.raises(ValueError, match="no rate"):
+    with pytest.raises(ValueError, match="do not make a rate"):
         wilson_interval(successes, trials)
 
 
