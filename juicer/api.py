@@ -130,10 +130,10 @@ def load_annotations(store: ArtifactStore, name: str) -> pd.DataFrame:
     Raises:
         ArtifactError: See :func:`load_episodes`.
     """
-    from juicer.library.tables import row_table
-    from juicer.storage.tables import read_annotations
+    from juicer.storage.frames import frame_of
+    from juicer.storage.tables import Annotation, read_annotations
 
-    return row_table(read_annotations(store.open(find(store, name, "annotations"))))
+    return frame_of(read_annotations(store.open(find(store, name, "annotations"))), Annotation)
 
 
 def load_selection(store: ArtifactStore, name: str) -> pd.DataFrame:
@@ -142,10 +142,22 @@ def load_selection(store: ArtifactStore, name: str) -> pd.DataFrame:
     Raises:
         ArtifactError: See :func:`load_episodes`.
     """
-    from juicer.library.tables import row_table
-    from juicer.storage.tables import read_selection
+    from juicer.storage.frames import frame_of
+    from juicer.storage.tables import SelectionRow, read_selection
 
-    return row_table(read_selection(store.open(find(store, name, "selection"))))
+    return frame_of(read_selection(store.open(find(store, name, "selection"))), SelectionRow)
+
+
+def load_recordings(store: ArtifactStore, name: str) -> pd.DataFrame:
+    """What became of each operator log behind demonstrations, a row a log.
+
+    Raises:
+        ArtifactError: See :func:`load_episodes`; or if the episodes were not made of logs.
+    """
+    from juicer.storage.frames import frame_of
+    from juicer.storage.recordings import Recording, read_recordings
+
+    return frame_of(read_recordings(store.open(find(store, name, "episodes"))), Recording)
 
 
 def load_evaluation(store: ArtifactStore, name: str) -> Evaluation:

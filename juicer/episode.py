@@ -36,6 +36,9 @@ CONTINUOUS_KEY = "continuous"
 ID_DIGITS = 16
 """Hexadecimal digits of an episode's id."""
 
+SHORTEST_PREFIX = 6
+"""As many of them may stand for it."""
+
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 
 
@@ -337,6 +340,16 @@ class Episode:
             content.update(f"\n{name} {values.dtype} {values.shape}\n".encode())
             content.update(np.ascontiguousarray(values).data)
         return content.hexdigest()[:ID_DIGITS]
+
+
+def episodes_named(name: str, records: Sequence[EpisodeRecord]) -> list[int]:
+    """Numbers of the episodes that answer to a name: an id, the beginning of one, or the name of a log."""
+    is_prefix = len(name) >= SHORTEST_PREFIX
+    return [
+        number
+        for number, record in enumerate(records)
+        if record.log == name or (is_prefix and record.episode_id.startswith(name))
+    ]
 
 
 def require_state(schema: Schema, whose: str) -> None:

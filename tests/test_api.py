@@ -17,17 +17,20 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Episode, Outcome
 from juicer.errors import (
+    ArtifactError,
     ArtifactNotFound,
     ConfigError,
     InvalidAction,
     InvalidCheckpoint,
     JuicerError,
     PolicyFailed,
+    WrongArtifactKind,
 )
 from juicer.evaluation import wilson_interval
 from juicer.policy.replay import ReplayPolicy
 from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.storage.episodes import write_episodes
+from juicer.storage.frames import frame_of
 from juicer.storage.tables import (
     EXAMPLES,
     Annotation,
@@ -111,6 +114,21 @@ def test_what_is_in_a_store_is_found_by_the_beginning_of_its_id(store: ArtifactS
     assert evaluation.interval == wilson_interval(2, 2)
     (run,) = api.rollout(api.load_policy(store, known["checkpoint"], "one_leg"), "one_leg", [0], max_steps=3)
     np.testing.assert_array_equal(run.steps["action"], insertions[0].steps["action"][:3])
+
+
+def test_tables_are_data_frames(store: ArtifactStore, insertions: list[Episode]):
+    known = ids(store)
+    episodes = api.load_episodes(store, known["episodes"]).table
+    assert episodes["episode_id"].tolist() == [episode.record.episode_id for episode in insertions]
+    assert episodes["length"].tolist() == [len(episode) for episode in insertions]
+    assert episodes["policy"].isna().all()
+    evaluation = api.load_evaluation(store, known["evaluation"]).table
+    assert evaluation.groupby("outcome")["seed"].count().to_dict() == {"success": 2}
+    assert list(frame_of([], Annotation).columns) == ["episode_id", "step", "critical_state", "author", "confidence"]
+    with pytest.raises(WrongArtifactKind, match="'episodes or evaluation' is needed"):
+        api.load_episodes(store, known["checkpoint"])
+    with pytest.raises(ArtifactError, match=r"recordings\.parquet"):
+        api.load_recordings(store, known["episodes"])
 
 
 def test_what_is_not_there_is_told(store: ArtifactStore, tmp_path: Path):

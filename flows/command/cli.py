@@ -246,7 +246,10 @@ def replay(
     episodes: Annotated[
         str, typer.Argument(metavar="EPISODES", help="Id of episodes or of an evaluation, or its first letters.")
     ],
-    episode: Annotated[int, typer.Option("--episode", "-k", help="Which episode, counted from 0.")] = 0,
+    episode: Annotated[
+        str,
+        typer.Option("--episode", "-k", help="Which one: its number, counted from 0, its id, or the name of its log."),
+    ] = "0",
     video: Annotated[
         Path | None,
         typer.Option("--video", help="Video to write, EPISODES-EPISODE.mp4 if left out; stills go beside it as PNG."),

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def write_labels_file(text: str, path: Path, numbered: Path | None) -> None:
     """``juicer labels``."""
-    from juicer.annotation.labels import write_labels
+    from juicer.annotation.rewriting import write_labels
 
     store = open_store(read_settings())
     ref = store.resolve(text)
@@ -28,7 +28,7 @@ def write_labels_file(text: str, path: Path, numbered: Path | None) -> None:
 
 
 def _annotated(store: ArtifactStore, ref: ArtifactRef) -> list[Label]:
-    from juicer.annotation.labels import labels_of
+    from juicer.annotation.rewriting import labels_of
     from juicer.storage.episodes import EpisodeReader
     from juicer.storage.tables import read_annotations
 
@@ -39,9 +39,16 @@ def _annotated(store: ArtifactStore, ref: ArtifactRef) -> list[Label]:
 
 
 def _renamed(store: ArtifactStore, ref: ArtifactRef, numbered: Path) -> list[Label]:
-    from juicer.annotation.labels import read_numbered_labels
+    from juicer.annotation.rewriting import read_numbered_labels
+    from juicer.episode import RECORDED_STEP_KEY
     from juicer.storage.episodes import EpisodeReader
 
     if ref.kind != "episodes":
         raise ConfigError(f"{ref} holds no episodes; with --numbered, name those that the file numbers")
-    return read_numbered_labels(numbered, EpisodeReader(store.open(ref, "episodes")))
+    reader = EpisodeReader(store.open(ref, "episodes"))
+    if len(reader) and RECORDED_STEP_KEY not in reader.schema:
+        raise ConfigError(
+            f"{ref} does not know the steps of its recordings; "
+            "ingest the same logs with this juicer, and name the result"
+        )
+    return read_numbered_labels(numbered, reader)

@@ -46,7 +46,7 @@ class Chosen:
 
 
 def replay_episode(
-    text: str, index: int, video: Path | None, camera: str, size: str, speed: float, as_json: bool
+    text: str, episode_name: str, video: Path | None, camera: str, size: str, speed: float, as_json: bool
 ) -> None:
     """``juicer replay``."""
     from juicer.imaging.video import draw, every, write_video
@@ -55,6 +55,7 @@ def replay_episode(
     store = open_store(settings)
     view = _view(camera, size)
     ref = store.resolve(text)
+    index = _number(store, ref, episode_name)
     video = video or Path(f"{ref.id}-{index}.mp4")
     _check_place(video)
     stride, rate = _pace(speed)
@@ -73,6 +74,22 @@ def replay_episode(
         frames = write_video(video, images(), rate)
         strip = _write_strip(episode, view, video)
     _report(chosen, video, strip, len(steps) - frames, as_json)
+
+
+def _number(store: ArtifactStore, ref: ArtifactRef, name: str) -> int:
+    """Number of the episode that is meant."""
+    if re.fullmatch(r"-?[0-9]{1,5}", name):
+        return int(name)
+    found: list[int] = []
+    if ref.kind == "episodes":
+        from juicer.episode import episodes_named
+        from juicer.storage.episodes import EpisodeReader
+
+        found = episodes_named(name, EpisodeReader(store.open(ref)).records)
+    if len(found) != 1:
+        several = "no episode" if not found else f"{len(found)} episodes"
+        raise ConfigError(f"{several} of {ref} can be named '{printable(name)}'; `juicer show {ref.id}` lists ids")
+    return found[0]
 
 
 def _view(camera: str, size: str) -> View:

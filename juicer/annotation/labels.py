@@ -3,9 +3,6 @@
 A CSV file has the header ``recording,step,critical_state``; a YAML file is a list of mappings with these keys. A
 recording is named by its episode id, the beginning of it, or the name of its log; the step is one of the recording,
 in which idle steps count: so a label means the same whatever else is ingested, and however.
-
-Files of an earlier juicer have the column ``episode`` instead, a number that shifts with every log that is added, and
-steps of the episode. They are refused, and rewritten on demand for the episodes that their numbers are of.
 """
 
 from __future__ import annotations
@@ -20,10 +17,9 @@ from typing import Any
 
 import yaml
 
-from juicer.episode import DemonstrationReader, EpisodeRecord
+from juicer.episode import EpisodeRecord, episodes_named
 from juicer.errors import InvalidLabels, did_you_mean
 from juicer.reading import read_bounded
-from juicer.storage.tables import Annotation
 from juicer.text import printable
 
 COLUMNS = ("recording", "step", "critical_state")
@@ -31,9 +27,6 @@ NUMBERED_COLUMNS = ("episode", "step", "critical_state")
 
 MOST_BYTES = 2**18
 """Largest labels file: room for thousands of labels."""
-
-SHORTEST_PREFIX = 6
-"""Digits of an episode id that may stand for it."""
 
 _FEW = 10
 _MOST_DIGITS = 9
@@ -70,71 +63,10 @@ def read_labels(path: Path) -> list[Label]:
         InvalidLabels: If the file cannot be read or holds no label, a key is missing, unknown or there twice, a step or
             critical state is no whole number, or a critical state of a recording is labelled twice.
     """
-    return _distinct(
-        Label(_name(values["recording"], where), *_numbers(values, where), where)
-        for where, values in _read(path, COLUMNS)
+    return distinct(
+        Label(_name(values["recording"], where), *step_and_state(values, where), where)
+        for where, values in read_rows(path, COLUMNS)
     )
-
-
-def read_numbered_labels(path: Path, demonstrations: DemonstrationReader) -> list[Label]:
-    """Read a labels file of an earlier juicer, as labels of today.
-
-    Args:
-        path: The file, whose columns are ``episode``, ``step`` and ``critical_state``.
-        demonstrations: The episodes that it numbers, and whose steps it counts.
-
-    Raises:
-        InvalidLabels: See :func:`read_labels`; and if there is no such episode or step.
-    """
-    labels = []
-    for where, values in _read(path, NUMBERED_COLUMNS):
-        number = _whole_number(values["episode"], "episode", where)
-        step, critical_state = _numbers(values, where)
-        if number >= len(demonstrations):
-            raise InvalidLabels(
-                f"{where}: there is no episode {number}; episodes are numbered 0 to {len(demonstrations) - 1}"
-            )
-        episode = demonstrations.read(number)
-        if step >= len(episode):
-            raise InvalidLabels(f"{where}: episode {number} has no step {step}; it has {len(episode)} steps")
-        labels.append(Label(episode.record.episode_id, episode.recorded_step(step), critical_state, where))
-    return _distinct(labels)
-
-
-def labels_of(annotations: Iterable[Annotation], demonstrations: DemonstrationReader) -> list[Label]:
-    """Annotations as labels, e.g. to correct some of them by hand."""
-    numbers = {record.episode_id: number for number, record in enumerate(demonstrations.records)}
-    return [
-        Label(
-            row.episode_id,
-            demonstrations.read(numbers[row.episode_id]).recorded_step(row.step),
-            row.critical_state,
-            row.author,
-        )
-        for row in annotations
-    ]
-
-
-def write_labels(path: Path, labels: Iterable[Label]) -> None:
-    """Write a labels file, YAML or CSV by its ending; one that is there stays as it is.
-
-    Raises:
-        InvalidLabels: If the name has another ending, the file exists, or it cannot be written.
-    """
-    import pandas as pd  # takes half a second
-
-    _check_ending(path)
-    table = pd.DataFrame([(label.recording, label.step, label.critical_state) for label in labels], columns=COLUMNS)
-    try:
-        with path.open("x", newline="") as file:
-            if path.suffix == ".csv":
-                table.to_csv(file, index=False)
-            else:
-                yaml.safe_dump(table.to_dict("records"), file, sort_keys=False)
-    except FileExistsError:
-        raise InvalidLabels(f"labels file '{printable(path)}' exists already; name another") from None
-    except OSError as error:
-        raise InvalidLabels(f"labels file '{printable(path)}' cannot be written: {error.strerror or error}") from None
 
 
 def find_recording(label: Label, records: Sequence[EpisodeRecord]) -> int:
@@ -144,12 +76,7 @@ def find_recording(label: Label, records: Sequence[EpisodeRecord]) -> int:
         InvalidLabels: If there is none, or more than one.
     """
     name = label.recording
-    is_prefix = len(name) >= SHORTEST_PREFIX
-    found = [
-        number
-        for number, record in enumerate(records)
-        if record.log == name or (is_prefix and record.episode_id.startswith(name))
-    ]
+    found = episodes_named(name, records)
     if len(found) > 1:
         ids = ", ".join(records[number].episode_id for number in found[:_FEW])
         raise InvalidLabels(f"{label.where}: '{name}' names {len(found)} recordings, {ids}; write the whole id of one")
@@ -160,9 +87,13 @@ def find_recording(label: Label, records: Sequence[EpisodeRecord]) -> int:
     return found[0]
 
 
-def _read(path: Path, columns: Sequence[str]) -> list[tuple[str, dict[str, str]]]:
-    """Place and values of every label in a file."""
-    reader = _check_ending(path)
+def read_rows(path: Path, columns: Sequence[str]) -> list[tuple[str, dict[str, str]]]:
+    """Place and values of every label in a file that has these columns.
+
+    Raises:
+        InvalidLabels: See :func:`read_labels`.
+    """
+    reader = reader_of(path)
     name = printable(path)
     try:
         text = read_bounded(path, MOST_BYTES).decode("utf-8-sig")
@@ -183,15 +114,24 @@ def _read(path: Path, columns: Sequence[str]) -> list[tuple[str, dict[str, str]]
     return [(where, dict(row)) for where, row in placed]
 
 
-def _check_ending(path: Path) -> Any:
-    """What reads files of this ending."""
+def reader_of(path: Path) -> Any:
+    """What reads files of this ending.
+
+    Raises:
+        InvalidLabels: If nothing does.
+    """
     readers = {".csv": _read_csv, ".yaml": _read_yaml, ".yml": _read_yaml}
     if path.suffix not in readers:
         raise InvalidLabels(f"labels file '{printable(path)}' must end in .csv, .yaml or .yml")
     return readers[path.suffix]
 
 
-def _distinct(labels: Iterable[Label]) -> list[Label]:
+def distinct(labels: Iterable[Label]) -> list[Label]:
+    """Labels as they are.
+
+    Raises:
+        InvalidLabels: If a critical state of a recording is labelled twice.
+    """
     seen: dict[tuple[str, int], Label] = {}
     for label in labels:
         other = seen.setdefault((label.recording, label.critical_state), label)
@@ -289,15 +229,24 @@ def _name(text: str, where: str) -> str:
     return name
 
 
-def _numbers(values: Mapping[str, str], where: str) -> tuple[int, int]:
-    """Step and critical state."""
+def step_and_state(values: Mapping[str, str], where: str) -> tuple[int, int]:
+    """Step and critical state of a label.
+
+    Raises:
+        InvalidLabels: If one of them is no whole number.
+    """
     return (
-        _whole_number(values["step"], "step", where),
-        _whole_number(values["critical_state"], "critical_state", where),
+        whole_number(values["step"], "step", where),
+        whole_number(values["critical_state"], "critical_state", where),
     )
 
 
-def _whole_number(text: str, key: str, where: str) -> int:
+def whole_number(text: str, key: str, where: str) -> int:
+    """A value as a number.
+
+    Raises:
+        InvalidLabels: If it is no whole, decimal number, or too large.
+    """
     digits = text.strip()
     if not digits.isdecimal():
         raise InvalidLabels(f"{where}: '{key}' must be a whole number, got '{printable(text)}'")

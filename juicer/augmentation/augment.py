@@ -19,12 +19,14 @@ from juicer.augmentation.plan import POSE_SIZE, draw_kind, plan_departure
 from juicer.augmentation.reference import Reference, reference_of
 from juicer.augmentation.verify import RejectionReason, deviation_from_reference
 from juicer.episode import DemonstrationReader, Episode, Outcome
+from juicer.errors import ArtifactError
 from juicer.geometry import rot6d_to_matrix, rotation_angle
 from juicer.progress import Progress, silent_progress
 from juicer.seeding import stream
 from juicer.sim.env import AssemblyEnv
 from juicer.sim.pool import EnvironmentPool
 from juicer.storage.tables import Annotation
+from juicer.text import printable
 
 BLOCK_SIZE = 16
 """Attempts between two looks at the balance. Part of what a seed means: another size gives other snippets."""
@@ -111,12 +113,17 @@ def augment(
 def find_references(
     demonstrations: DemonstrationReader, annotations: Iterable[Annotation], config: AugmentationConfig
 ) -> list[Reference]:
-    """References of all trusted critical states of successful demonstrations, in the annotations' order."""
+    """References of all trusted critical states of successful demonstrations, in the annotations' order.
+
+    Raises:
+        ArtifactError: If the annotations are of other episodes.
+    """
     numbers = {record.episode_id: number for number, record in enumerate(demonstrations.records)}
     trusted = [annotation for annotation in annotations if annotation.confidence >= config.min_confidence]
     references = []
     for episode_id, group in groupby(trusted, key=lambda annotation: annotation.episode_id):
-        number = numbers[episode_id]
+        if (number := numbers.get(episode_id)) is None:
+            raise ArtifactError(f"no demonstration is the annotated episode {printable(episode_id)}; annotate these")
         if demonstrations.records[number].outcome is not Outcome.SUCCESS:
             continue
         demonstration = demonstrations.read(number)
@@ -145,15 +152,27 @@ def _attempts(
         return attempt_snippet(env, _draw_reference(by_state, counts, rng), config, rng)
 
     limit = config.num_snippets * config.max_attempts_per_snippet
+    found: set[str] = set()
     with EnvironmentPool(references[0].task, num_workers, max_steps=_NO_STEP_LIMIT) as pool:
         for start in range(0, limit, BLOCK_SIZE):
             kept: Counter[int] = Counter()
             for attempt in pool.map(work, range(start, min(start + BLOCK_SIZE, limit))):
+                if isinstance(attempt, Snippet):
+                    attempt = _unless_repeated(attempt, found)
                 kept[attempt.critical_state] += isinstance(attempt, Snippet)
                 yield attempt
             # Only now: attempts of a block must not see each other's results.
             for state, count in kept.items():
                 counts[state] += count
+
+
+def _unless_repeated(snippet: Snippet, found: set[str]) -> Snippet | FailedAttempt:
+    """Ranges of a single point give the same snippet again and again, which counts once."""
+    record = snippet.episode.record
+    if record.episode_id in found:
+        return FailedAttempt(str(record.parent), snippet.critical_state, snippet.departure, RejectionReason.REPEATED)
+    found.add(record.episode_id)
+    return snippet
 
 
 def _draw_reference(

@@ -23,6 +23,7 @@ class RejectionReason(StrEnum):
     PART_ROTATION = "part_rotation"
     GRIPPER_WIDTH = "gripper_width"
     NOT_REPRODUCED = "not_reproduced"
+    REPEATED = "repeated"
 
 
 def outcome_rejection(outcome: Outcome) -> RejectionReason:

@@ -115,7 +115,7 @@ class Captioner:
         now = f"step {self.episode.recorded_step(step)}"
         pen.text((left, first), now, _INK, self._large)
         beside = left + self._large.getlength(now) + self._small_px / 2
-        right = self._inner_width - self._margin
+        right: float = self._inner_width - self._margin
         if step == len(self.episode):
             outcome = self.episode.record.outcome
             told = _words(outcome.value)

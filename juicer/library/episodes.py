@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from juicer.episode import Episode
+from juicer.episode import Episode, EpisodeRecord
 from juicer.errors import ArtifactError
 from juicer.library.tables import episode_table
 from juicer.sim.arguments import is_whole, shown
@@ -19,10 +19,8 @@ class Episodes(EpisodeReader):
     @property
     def table(self) -> pd.DataFrame:
         """A row an episode, by its number, and a column for the step at which each milestone was reached."""
-        if not len(self):
-            return pd.DataFrame()
-        table = episode_table(self.records)
-        table.insert(table.columns.get_loc("outcome") + 1, "length", self.lengths)
+        table = episode_table(self.records, EpisodeRecord)
+        table.insert(0, "length", self.lengths)
         return table.rename_axis(index="episode")
 
     def __getitem__(self, key: int | str) -> Episode:

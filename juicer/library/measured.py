@@ -60,8 +60,9 @@ class Evaluation:
     def table(self) -> pd.DataFrame:
         """A row an episode, and a column for the step at which each milestone was reached."""
         from juicer.library.tables import episode_table
+        from juicer.storage.tables import EvaluationRow
 
-        return episode_table(self.rows).set_index("episode")
+        return episode_table(self.rows, EvaluationRow).set_index("episode")
 
     def __str__(self) -> str:
         """The rate in a sentence, with all that belongs to it."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -17,6 +16,7 @@ from juicer.library.names import read_models
 from juicer.reporting.lineage import read_lineage
 from juicer.sim.registration import environment_id
 from juicer.storage.curves import Curves
+from juicer.storage.frames import frame_of
 from juicer.tasks.registry import TASK_NAMES, get_task
 from juicer.text import printable
 
@@ -77,22 +77,20 @@ def lineage_table(store: ArtifactStore, ref: ArtifactRef) -> pd.DataFrame:
     return pd.DataFrame(rows).set_index("id")
 
 
-def episode_table(rows: Iterable[Any]) -> pd.DataFrame:
-    """A row an episode, from dataclasses with ``outcome`` and ``milestones``, and a column for each milestone's step.
+def episode_table(rows: Sequence[Any], row_type: type[Any]) -> pd.DataFrame:
+    """A row an episode, of a type with ``outcome`` and ``milestones``; each milestone's step has a column.
 
     Milestones stand in the order in which they are first reached.
     """
-    content = [asdict(row) for row in rows]
-    milestones: dict[str, int] = {}
-    for row in content:
-        for name, step in row["milestones"].items():
-            milestones[name] = min(step, milestones.get(name, step))
-    ordered = sorted(milestones, key=lambda name: milestones[name])
-    table = pd.DataFrame(content)
-    steps = {name: pd.array([row["milestones"].get(name) for row in content], dtype="Int64") for name in ordered}
-    succeeded = [row["outcome"] is Outcome.SUCCESS for row in content]
-    outcomes = [row["outcome"].value for row in content]
-    return table.drop(columns="milestones").assign(outcome=outcomes, success=succeeded, **steps)
+    steps: dict[str, int] = {}
+    for row in rows:
+        for name, step in row.milestones.items():
+            steps[name] = min(step, steps.get(name, step))
+    table = frame_of(rows, row_type).drop(columns="milestones")
+    table.insert(table.columns.get_loc("outcome") + 1, "success", table["outcome"] == Outcome.SUCCESS.value)
+    for name in sorted(steps, key=lambda name: steps[name]):
+        table[name] = pd.array([row.milestones.get(name) for row in rows], dtype="Int64")
+    return table
 
 
 def step_table(episode: Episode) -> pd.DataFrame:
@@ -105,11 +103,6 @@ def step_table(episode: Episode) -> pd.DataFrame:
     arrays = {name: episode.steps[name].reshape(len(episode), -1) for name in shown if name not in hidden}
     frames = {name: pd.DataFrame(values) for name, values in arrays.items()}
     return pd.concat(frames, axis=1).rename_axis(index="step", columns=["array", "place"])
-
-
-def row_table(rows: Sequence[Any]) -> pd.DataFrame:
-    """A row a dataclass."""
-    return pd.DataFrame(list(map(asdict, rows)))
 
 
 def curve_table(curves: Curves) -> pd.DataFrame:

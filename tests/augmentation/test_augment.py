@@ -15,6 +15,7 @@ from juicer.augmentation.execute import reproduces
 from juicer.augmentation.summary import AugmentationSummary
 from juicer.augmentation.verify import RejectionReason
 from juicer.episode import Episode, Outcome
+from juicer.errors import ArtifactError
 from juicer.sim.env import AssemblyEnv
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.storage.tables import Annotation
@@ -99,7 +100,8 @@ def test_critical_states_are_balanced_even_if_one_is_rejected_more_often(
     def judge(env: object, reference: Any, config: object, rng: np.random.Generator) -> Snippet | FailedAttempt:
         if reference.critical_state == 1 and rng.random() < 0.7:
             return FailedAttempt(reference.parent, 1, "far", RejectionReason.DROPPED)
-        return Snippet(insertions[0], reference.critical_state, "far", 0.0, 0.0, 0.0)
+        record = replace(insertions[0].record, episode_id=str(rng.random()))
+        return Snippet(replace(insertions[0], record=record), reference.critical_state, "far", 0.0, 0.0, 0.0)
 
     monkeypatch.setattr(module, "attempt_snippet", judge)
     annotations = [critical(insertions[0]), critical(insertions[1]), critical(insertions[0], 1)]
@@ -109,12 +111,27 @@ def test_critical_states_are_balanced_even_if_one_is_rejected_more_often(
     assert 0.3 < share < 0.45
 
 
+def test_the_same_snippet_counts_once(insertions: list[Episode], monkeypatch: pytest.MonkeyPatch):
+    def judge(env: object, reference: Any, config: object, rng: object) -> Snippet:
+        return Snippet(insertions[0], reference.critical_state, "far", 0.0, 0.0, 0.0)
+
+    monkeypatch.setattr(module, "attempt_snippet", judge)
+    first, *others = run(insertions, config=AugmentationConfig(num_snippets=2, max_attempts_per_snippet=2))
+    assert isinstance(first, Snippet)
+    assert [isinstance(each, FailedAttempt) and each.reason for each in others] == [RejectionReason.REPEATED] * 3
+
+
 def test_uncertain_proposals_and_failures_are_not_used(insertions: list[Episode]):
     failed = replace(insertions[1], record=replace(insertions[1].record, outcome=Outcome.TIMEOUT))
     third = replace(insertions[0], record=replace(insertions[0].record, episode_id="third"))
     annotations = [critical(insertions[0], confidence=0.4), critical(failed), critical(third)]
     references = find_references(Reader([insertions[0], failed, third]), annotations, CONFIG)
     assert [reference.parent for reference in references] == ["third"]
+
+
+def test_annotations_of_other_episodes_are_refused(insertions: list[Episode]):
+    with pytest.raises(ArtifactError, match=r"no demonstration is the annotated episode .*; annotate these"):
+        run(insertions[:1], [critical(insertions[1])])
 
 
 def why_nothing(attempts: list[Snippet | FailedAttempt], config: AugmentationConfig = CONFIG) -> str:

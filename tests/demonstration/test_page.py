@@ -14,6 +14,7 @@ from flows.loop import get_demonstrations
 from juicer.annotation.propose import AnnotationConfig
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
+from juicer.storage.episodes import EpisodeReader
 from juicer.storage.tables import read_annotations
 from stages.annotate import annotate
 from stages.runtime.execution import perform_here
@@ -60,17 +61,15 @@ def demonstrations(session: Session, config: RunConfig) -> ArtifactRef:
 
 def test_the_table_in_the_page_is_the_one_that_is_printed(session: Session, demonstrations: ArtifactRef, capsys: Any):
     say_recordings(find_recordings(session.store, demonstrations))
-    _, *shown = blocks("text")[0].splitlines()
-    assert capsys.readouterr().out.splitlines() == shown
-
-
-def test_a_step_of_the_log_is_found_in_the_episode(session: Session, demonstrations: ArtifactRef, capsys: Any):
-    exec(blocks("python")[1], {"episodes_folder": session.store.open(demonstrations)})
-    # The table in the page says that 4 and 8 steps before were dropped.
-    assert capsys.readouterr().out.splitlines() == ["demo_0.npz 0 136", "demo_1.npz 1 132"]
+    _, shown = blocks("text")[0].split("\n", 1)
+    # Another processor's arithmetic gives other digits.
+    printed, shown = (re.sub(r"\b[0-9a-f]{16}\b", "id", text) for text in (capsys.readouterr().out, shown))
+    assert printed == shown
 
 
 def test_the_labels_in_the_page_are_used(session: Session, demonstrations: ArtifactRef, config: RunConfig):
     ref = annotate(session, episodes=demonstrations, labels=config.labels, config=AnnotationConfig())
     rows = read_annotations(session.store.open(ref))
-    assert [(row.episode, row.step, row.author) for row in rows] == [(0, 142, "human"), (1, 164, "human")]
+    # The table in the page says that 4 and 8 steps before were dropped.
+    ids = list(EpisodeReader(session.store.open(demonstrations)).ids)
+    assert [(row.episode_id, row.step, row.author) for row in rows] == [(ids[0], 142, "human"), (ids[1], 164, "human")]

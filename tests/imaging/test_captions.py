@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from juicer.episode import Outcome, Source
+from juicer.episode import DEMONSTRATION, Outcome, Source
 from juicer.imaging.captions import GAP, Captioner, describe, ending
 from juicer.imaging.video import Frame, View
 
@@ -47,6 +49,19 @@ def test_every_step_milestone_and_the_outcome_change_the_caption(episode_factory
     failed = Captioner(episode_factory(12, milestones=MILESTONES, outcome=Outcome.TIMEOUT), BOTH)
     assert not np.array_equal(failed.caption(frame_of(BOTH, 12)), shown[12])
     assert np.array_equal(failed.caption(frame_of(BOTH, 11)), shown[11])
+
+
+def test_steps_of_a_demonstration_are_told_as_those_of_the_recording(episode_factory):
+    plain = episode_factory(12, milestones={"leg_lifted": 5})
+    numbers = np.arange(12, dtype=np.int32)
+    numbers[5:] += 3
+    kept = {"recorded_step": numbers, "continuous": np.ones(12, bool)}
+    demonstration = replace(plain, steps={**plain.steps, **kept}, schema=DEMONSTRATION)
+    recorded = replace(
+        episode_factory(15), record=replace(plain.record, milestones={"leg_lifted": 8}, episode_id="recorded")
+    )
+    shown = Captioner(demonstration, BOTH).caption(frame_of(BOTH, 6))
+    np.testing.assert_array_equal(shown, Captioner(recorded, BOTH).caption(frame_of(BOTH, 9)))
 
 
 @pytest.mark.parametrize("text", ["\x1b[2J\n", "w" * 10_000, "\ud800 \u202e", "日本語", ""])

@@ -19,13 +19,14 @@ from juicer.augmentation.config import ToleranceConfig
 from juicer.config import read_mapping
 from juicer.demonstration.ingestion import IngestionConfig
 from juicer.demonstration.log import write_log
-from juicer.episode import Outcome
+from juicer.episode import SIMULATOR, Outcome, Role, Schema
 from juicer.errors import (
     ArtifactError,
     ConfigError,
     InvalidCheckpoint,
     NothingLeft,
     RenderingUnavailable,
+    StateMissing,
     TrainingFailed,
     WrongArtifactKind,
 )
@@ -149,6 +150,27 @@ def test_snippets_know_their_demonstration(loop):
     assert len(records) == summary(loop, loop.corrective)["snippets"] == 2
     assert {record.parent for record in records} <= set(EpisodeReader(loop.store.open(loop.demonstrations)).ids)
     assert loop.store.lineage(loop.corrective) == [loop.demonstrations, loop.annotations]
+
+
+def test_data_without_simulator_states_is_refused_where_states_are_restored(loop):
+    schema = Schema(tuple(spec for spec in SIMULATOR if spec.role is not Role.STATE))
+    foreign = [
+        replace(
+            episode,
+            steps={name: episode.steps[name] for name in schema.names()},
+            final={name: episode.final[name] for name in schema.ends},
+            schema=schema,
+        )
+        for episode in read_all(loop.store, loop.demonstrations)
+    ]
+    recipe = replace(loop.store.manifest(loop.demonstrations).recipe, config={"of": "another project"})
+    with loop.store.create(recipe) as draft:
+        write_episodes(draft.path, foreign, {})
+    with pytest.raises(StateMissing, match="holds no simulator state"):
+        annotate(loop.session, episodes=recipe.ref, config=AnnotationConfig())
+    with pytest.raises(StateMissing, match="holds no simulator state"):
+        augment(loop.session, episodes=recipe.ref, annotations=loop.annotations, config=AUGMENT)
+    assert train(loop.session, episodes=(recipe.ref,), config=TRAIN).kind == "checkpoint"
 
 
 def test_checkpoint_brings_its_curves_and_the_size_of_its_data(loop):

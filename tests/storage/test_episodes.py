@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import zarr
 
@@ -188,6 +190,20 @@ def test_another_schema_version_is_named(
         write_episodes(tmp_path, [episode_factory()], {})
     with pytest.raises(ArtifactError, match="schema version 99"):
         EpisodeReader(tmp_path)
+
+
+def test_episodes_of_the_first_layout_are_still_read(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
+    written = [episode_factory(length, seed=length) for length in (4, 9)]
+    write_episodes(tmp_path, written, {"task": "one_leg"})
+    group = zarr.open_group(tmp_path / "episodes.zarr")
+    group.attrs.put({"task": "one_leg", "schema_version": 1})
+    path = tmp_path / "episodes.parquet"
+    table = pq.read_table(path).drop_columns(["episode_id", "operator", "recorded_at", "log"])
+    pq.write_table(table.add_column(0, "episode", pa.array([0, 1], pa.int32())), path)
+    reader = EpisodeReader(tmp_path)
+    assert reader.records == [episode.record for episode in written]
+    np.testing.assert_array_equal(reader.read(1).state(9), written[1].final["sim_state"])
+    np.testing.assert_array_equal(reader.steps("action")[4:], written[1].steps["action"])
 
 
 def test_no_file_of_stored_episodes_can_vanish_unnoticed(tmp_path: Path, episode_factory: EpisodeFactory) -> None:

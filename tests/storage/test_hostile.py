@@ -89,6 +89,25 @@ def test_a_file_of_nonsense_is_refused(folder: Path, place: str, content: bytes)
     complaint(folder)
 
 
+@pytest.mark.parametrize(
+    ("arrays", "words"),
+    [
+        (None, "its arrays are not described"),
+        ([{"name": "../..", "shape": [], "dtype": "float32", "role": "reward"}], "is no name of an array"),
+        (
+            [{"name": "secret", "shape": [3], "dtype": "float32", "role": "action"}],
+            "array 'data/secret' cannot be opened",
+        ),
+    ],
+)
+def test_a_schema_of_other_arrays_is_refused(folder: Path, arrays: Any, words: str) -> None:
+    path = folder / "episodes.zarr" / "zarr.json"
+    content = json.loads(path.read_text())
+    content["attributes"]["arrays"] = arrays
+    path.write_text(json.dumps(content))
+    assert words in complaint(folder)
+
+
 def test_an_array_that_is_missing_is_named(folder: Path) -> None:
     shutil.rmtree(folder / "episodes.zarr" / "data" / "reward")
     assert "array 'data/reward' cannot be opened" in complaint(folder)

@@ -1,0 +1,103 @@
+"""Critical states become a file to correct, and episodes are found by what they are called."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flows.command.cli import call
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.episode import DEMONSTRATION, SIMULATOR, Episode, Role, Schema
+from juicer.storage.episodes import write_episodes
+from juicer.storage.tables import Annotation, write_annotations
+
+
+@pytest.fixture
+def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ArtifactStore:
+    monkeypatch.setenv("JUICER_DATA", str(tmp_path / "data"))
+    return ArtifactStore(tmp_path / "data")
+
+
+@pytest.fixture
+def demonstration(episode_factory) -> Episode:
+    plain = episode_factory(5, seed=3)
+    numbers = {"recorded_step": np.array([2, 3, 4, 7, 8], np.int32), "continuous": np.array([1, 1, 0, 1, 1], bool)}
+    record = replace(plain.record, log="demo.npz")
+    return replace(plain, record=record, steps={**plain.steps, **numbers}, schema=DEMONSTRATION)
+
+
+@pytest.fixture
+def episodes(store: ArtifactStore, demonstration: Episode) -> ArtifactRef:
+    recipe = Recipe("ingest", "episodes", config={"a": 1})
+    with store.create(recipe) as draft:
+        write_episodes(draft.path, [demonstration], {})
+    return recipe.ref
+
+
+@pytest.fixture
+def annotations(store: ArtifactStore, episodes: ArtifactRef, demonstration: Episode) -> ArtifactRef:
+    recipe = Recipe("annotate", "annotations", inputs={"episodes": (episodes,)})
+    with store.create(recipe) as draft:
+        write_annotations(draft.path, [Annotation(demonstration.record.episode_id, 3, 0, "proposed", 0.5)])
+    return recipe.ref
+
+
+def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert call(list(arguments)) == 1
+    return capsys.readouterr().err
+
+
+def test_annotations_are_written_with_the_steps_of_the_recording(
+    annotations: ArtifactRef, demonstration: Episode, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    path = tmp_path / "labels.csv"
+    assert call(["labels", annotations.id, str(path)]) == 0
+    assert path.read_text() == f"recording,step,critical_state\n{demonstration.record.episode_id},7,0\n"
+    assert "exists already" in complaint(capsys, "labels", annotations.id, str(path))
+    assert "cannot be written: No such file" in complaint(
+        capsys, "labels", annotations.id, str(tmp_path / "a" / "b.csv")
+    )
+    assert "must end in .csv, .yaml or .yml" in complaint(capsys, "labels", annotations.id, str(tmp_path / "a.txt"))
+
+
+def test_a_file_of_numbers_is_written_anew(
+    episodes: ArtifactRef,
+    annotations: ArtifactRef,
+    demonstration: Episode,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+):
+    old, new = tmp_path / "old.csv", tmp_path / "new.csv"
+    old.write_text("episode,step,critical_state\n0,3,0\n")
+    assert call(["labels", episodes.id, str(new), "--numbered", str(old)]) == 0
+    assert new.read_text() == f"recording,step,critical_state\n{demonstration.record.episode_id},7,0\n"
+    assert "holds no critical states" in complaint(capsys, "labels", episodes.id, str(tmp_path / "b.csv"))
+    assert "name those that the file numbers" in complaint(
+        capsys, "labels", annotations.id, str(tmp_path / "b.csv"), "--numbered", str(old)
+    )
+
+
+def test_an_episode_that_is_not_there_is_named(episodes: ArtifactRef, capsys: pytest.CaptureFixture[str]):
+    assert "no episode of" in complaint(capsys, "replay", episodes.id, "-k", "nobody.npz")
+
+
+def test_data_without_simulator_states_cannot_be_replayed(
+    store: ArtifactStore, demonstration: Episode, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    schema = Schema(tuple(spec for spec in SIMULATOR if spec.role is not Role.STATE))
+    steps, final = (
+        {name: arrays[name] for name in names}
+        for arrays, names in ((demonstration.steps, schema.names()), (demonstration.final, schema.ends))
+    )
+    recipe = Recipe("ingest", "episodes", config={"of": "another project"})
+    with store.create(recipe) as draft:
+        write_episodes(draft.path, [Episode(demonstration.record, steps, final, schema)], {})
+    video = tmp_path / "video.mp4"
+    told = complaint(capsys, "replay", recipe.ref.id, "-k", "demo.npz", "--video", str(video))
+    assert "holds no simulator state, so none of its steps can be restored" in told
+    assert not list(tmp_path.glob("*video*"))
