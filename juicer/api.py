@@ -124,28 +124,21 @@ def step_table(episode: Episode) -> pd.DataFrame:
     return tables.step_table(episode)
 
 
-def load_annotations(store: ArtifactStore, name: str) -> pd.DataFrame:
-    """Critical states, a row each.
+def load_table(store: ArtifactStore, name: str) -> pd.DataFrame:
+    """Rows of an artifact: the facts about episodes, annotations, a selection, or an evaluation.
 
     Raises:
         ArtifactError: See :func:`load_episodes`.
     """
+    from juicer.storage import tables
     from juicer.storage.frames import frame_of
-    from juicer.storage.tables import Annotation, read_annotations
 
-    return frame_of(read_annotations(store.open(find(store, name, "annotations"))), Annotation)
-
-
-def load_selection(store: ArtifactStore, name: str) -> pd.DataFrame:
-    """Which episodes were kept, and why, a row each.
-
-    Raises:
-        ArtifactError: See :func:`load_episodes`.
-    """
-    from juicer.storage.frames import frame_of
-    from juicer.storage.tables import SelectionRow, read_selection
-
-    return frame_of(read_selection(store.open(find(store, name, "selection"))), SelectionRow)
+    ref = find(store, name, "evaluation", "episodes", "annotations", "selection")
+    if ref.kind == "annotations":
+        return frame_of(tables.read_annotations(store.open(ref)), tables.Annotation)
+    if ref.kind == "selection":
+        return frame_of(tables.read_selection(store.open(ref)), tables.SelectionRow)
+    return load_episodes(store, str(ref)).table if ref.kind == "episodes" else load_evaluation(store, str(ref)).table
 
 
 def load_recordings(store: ArtifactStore, name: str) -> pd.DataFrame:
@@ -300,15 +293,8 @@ def evaluate(
 ) -> Evaluation:
     """Success rate of a policy on the initial states on which ``juicer evaluate`` measures, and nothing else is done.
 
-    Args:
-        policy: See :func:`rollout`.
-        task: Assembly task.
-        episodes: How many.
-        randomness: Level of the initial states.
-        first: Position of the first initial state among those for evaluations.
-        num_envs: Environments that run side by side; they shape no result.
-        max_steps: Steps after which an episode ends; the task's own limit if None.
-        root_seed: Root of the policy's noise.
+    There are ``episodes`` of them, from the position ``first`` among the initial states for evaluations on; the other
+    arguments are those of :func:`rollout`.
 
     Raises:
         JuicerError: See :func:`rollout`.
@@ -371,15 +357,7 @@ def video(
     height: int = 240,
     speed: float = 1.0,
 ) -> Path:
-    """Write a captioned video of an episode, and give its path; see :func:`images`.
-
-    Args:
-        path: File to write, ``.mp4``.
-        episode: What is shown.
-        camera: See :func:`images`.
-        width: See :func:`images`.
-        height: See :func:`images`.
-        speed: In multiples of real time.
+    """Write a captioned video of an episode into an ``.mp4``, and give its path; ``speed`` in multiples of real time.
 
     Raises:
         JuicerError: See :func:`images`; or if the file cannot be written.

@@ -125,6 +125,10 @@ def test_tables_are_data_frames(store: ArtifactStore, insertions: list[Episode])
     evaluation = api.load_evaluation(store, known["evaluation"]).table
     assert evaluation.groupby("outcome")["seed"].count().to_dict() == {"success": 2}
     assert list(frame_of([], Annotation).columns) == ["episode_id", "step", "critical_state", "author", "confidence"]
+    assert api.load_table(store, known["episodes"]).equals(episodes)
+    assert api.load_table(store, "ta_ci").equals(evaluation)
+    with pytest.raises(WrongArtifactKind, match="'evaluation or episodes or annotations or selection' is needed"):
+        api.load_table(store, known["checkpoint"])
     with pytest.raises(WrongArtifactKind, match="'episodes or evaluation' is needed"):
         api.load_episodes(store, known["checkpoint"])
     with pytest.raises(ArtifactError, match=r"recordings\.parquet"):
@@ -231,8 +235,8 @@ def test_annotations_and_selections_are_tables(tmp_path: Path):
         write_annotations(annotations.path, [Annotation("0" * 16, 12, 0, "human", 1.0)])
     with store.create(Recipe("select", "selection")) as selection:
         write_selection(selection.path, [SelectionRow("0" * 16, False, "too long")])
-    assert api.load_annotations(store, annotations.ref.id)["step"].tolist() == [12]
-    assert api.load_selection(store, selection.ref.id)["reason"].tolist() == ["too long"]
+    assert api.load_table(store, annotations.ref.id)["step"].tolist() == [12]
+    assert api.load_table(store, selection.ref.id)["reason"].tolist() == ["too long"]
 
 
 def test_an_evaluation_gives_the_episodes_that_it_keeps(store: ArtifactStore, insertions: list[Episode]):
