@@ -1,177 +1,225 @@
 """The front door for Python: ``from juicer import api``.
 
 Look into a store, take episodes, evaluations and policies out of it, make environments, and measure a policy of
-one's own as ours are measured. Nothing heavy is imported before it is used.
+one's own as ours are measured. Nothing heavy is imported before it is used, no environment variable is read, and
+every mistake raises a :class:`juicer.errors.JuicerError`.
+
+An artifact is named by its id, by as much of the beginning of it as is unique, or by the name of its model,
+``study/task/condition/seed-0``; see :func:`find`.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from juicer.errors import ArtifactError, ArtifactNotFound, ConfigError, WrongArtifactKind, did_you_mean
+from juicer.errors import ArtifactError, ArtifactNotFound, ConfigError, did_you_mean
+from juicer.library.measured import Evaluation
 from juicer.text import printable
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from juicer.artifacts.ref import ArtifactRef
     from juicer.artifacts.store import ArtifactStore
     from juicer.episode import ArraySpec, Episode
+    from juicer.evaluation import PairedComparison
+    from juicer.imaging.video import Image
+    from juicer.library.episodes import Episodes
     from juicer.rollout import Policy, Reaction
     from juicer.sim.env import AssemblyEnv
-    from juicer.storage.episodes import EpisodeReader
-    from juicer.storage.evaluations import EvaluationRow
 
-
-@dataclass(frozen=True)
-class Evaluation:
-    """How a policy did.
-
-    Attributes:
-        task: Assembly task.
-        randomness: Level of the initial states.
-        rows: How each episode ended, in the order of the initial states.
-    """
-
-    task: str
-    randomness: str
-    rows: tuple[EvaluationRow, ...]
-
-    @property
-    def successes(self) -> int:
-        """Episodes in which everything was assembled."""
-        return self.outcomes.get("success", 0)
-
-    @property
-    def rate(self) -> float:
-        """Share of successes."""
-        return self.successes / len(self.rows)
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """95 % Wilson interval of the rate."""
-        from juicer.evaluation import wilson_interval
-
-        return wilson_interval(self.successes, len(self.rows))
-
-    @property
-    def outcomes(self) -> dict[str, int]:
-        """Episodes by how they ended."""
-        return dict(Counter(row.outcome.value for row in self.rows))
-
-    @property
-    def table(self) -> pd.DataFrame:
-        """A row an episode."""
-        from juicer.storage.evaluations import EvaluationRow
-        from juicer.storage.frames import frame_of
-
-        return frame_of(self.rows, EvaluationRow)
-
-    def __str__(self) -> str:
-        """The rate in a sentence, with all that belongs to it."""
-        low, high = self.interval
-        share = f"{self.successes} of {len(self.rows)} episodes of {self.task} ({self.randomness}) succeeded"
-        return f"{share}: {self.rate:.1%} (95 % interval {low:.1%} to {high:.1%})"
+_SETTINGS = ("randomness", "render_mode", "max_steps")
 
 
 def open_store(place: str | Path = "data") -> ArtifactStore:
-    """The artifact store in a folder, or at an fsspec URL. Its ``list(kind)`` describes what it holds.
+    """The artifact store in a folder, or at an fsspec URL such as ``s3://bucket/prefix``.
 
     Raises:
         ArtifactNotFound: If there is no such folder.
+        ConfigError: If the place is neither a text nor a path.
     """
     from juicer.artifacts.store import ArtifactStore
 
-    if "://" not in str(place) and not Path(place).expanduser().is_dir():
-        raise ArtifactNotFound(f"there is no artifact store in '{place}': it is no folder")
-    return ArtifactStore(place)
+    if not isinstance(place, str | Path) or not str(place).strip():
+        raise ConfigError(f"a store is opened by the path of a folder or a URL, not by {place!r}")
+    try:
+        if "://" in str(place) or Path(place).expanduser().is_dir():
+            return ArtifactStore(place)
+        missing = "folder"
+    except RuntimeError:  # the home of a user who does not exist
+        missing = "user"
+    raise ArtifactNotFound(f"there is no artifact store in '{printable(place)}': there is no such {missing}")
 
 
-def load_episodes(store: ArtifactStore, id: str, columns: Iterable[str] = ()) -> EpisodeReader:
-    """Episodes of an artifact: ``records``, ``read(number)``, and all steps of an array with ``steps(name)``.
+def artifacts(store: ArtifactStore, kind: str | None = None) -> pd.DataFrame:
+    """Every artifact, oldest first, by its id: kind, name, stage, time and size; with a kind, the facts of each, too.
+
+    Raises:
+        ConfigError: If there is no such kind.
+    """
+    from juicer.library.tables import artifact_table
+
+    return artifact_table(store, kind)
+
+
+def models(store: ArtifactStore) -> pd.DataFrame:
+    """Every model that a report in the store names, by its name: what it is, what it achieved, and its artifacts."""
+    from juicer.library.tables import model_table
+
+    return model_table(store)
+
+
+def find(store: ArtifactStore, name: str, *kinds: str) -> ArtifactRef:
+    """The one artifact that an id, the beginning of an id, ``kind/id`` or the name of a model means.
+
+    A model's name is ``study/task/condition/seed-0``. Every part may be left out that is not needed to tell the models
+    apart; if several reports name one, the newest counts. A model has an evaluation, a checkpoint and a report: which
+    of them is meant is decided by ``kinds``, the evaluation if there are none.
+
+    Raises:
+        ArtifactError: If nothing or several things answer to the name, or it is of another kind.
+    """
+    from juicer.library import names
+
+    return names.find(store, name, *kinds)
+
+
+def lineage(store: ArtifactStore, name: str) -> pd.DataFrame:
+    """An artifact and everything it was made from, by id, parents first.
+
+    Raises:
+        ArtifactError: See :func:`find`.
+    """
+    from juicer.library.tables import lineage_table
+
+    return lineage_table(store, find(store, name))
+
+
+def load_episodes(store: ArtifactStore, name: str, columns: Iterable[str] = ()) -> Episodes:
+    """Episodes of an artifact; of an evaluation, the few that it keeps.
+
+    ``episodes.table`` has a row an episode, ``episodes[0]`` or ``episodes["id"]`` is one of them, and
+    ``episodes.steps("action")`` has all steps of all episodes, which end at ``episodes.episode_ends``.
 
     Args:
-        store: Where it is kept.
-        id: Its id, or as much of it as is unique.
+        store: Where they are kept.
+        name: Of the artifact, see :func:`find`.
         columns: Ids of artifacts with columns of these episodes, which are read as if they were their own arrays.
 
     Raises:
-        ArtifactError: If there is no such artifact, it is damaged, or columns are of other episodes.
+        ArtifactError: See :func:`find`; or if the artifact is damaged, or columns are of other episodes.
     """
-    from juicer.storage.episodes import EpisodeReader
+    from juicer.library.episodes import Episodes
+    from juicer.storage.evaluations import EXAMPLES
 
-    joined = [store.open(store.resolve(each, "columns")) for each in columns]
-    return EpisodeReader(store.open(store.resolve(id, "episodes")), joined)
+    ref = find(store, name, "episodes", "evaluation")
+    folder = store.open(ref)
+    joined = [store.open(find(store, each, "columns")) for each in columns]
+    return Episodes(folder / EXAMPLES if ref.kind == "evaluation" else folder, joined)
 
 
-def load_evaluation(store: ArtifactStore, id: str) -> Evaluation:
-    """What an evaluation found, see :func:`load_episodes`.
+def step_table(episode: Episode) -> pd.DataFrame:
+    """A row a step of an episode; ``table["action"]`` has a column for each number of an action.
+
+    Simulator states and images are left out.
+    """
+    from juicer.library import tables
+
+    return tables.step_table(episode)
+
+
+def load_table(store: ArtifactStore, name: str) -> pd.DataFrame:
+    """Rows of an artifact: the facts about episodes, annotations, a selection, a dataset, or an evaluation.
 
     Raises:
-        ArtifactError: If there is no such artifact, or it is damaged.
+        ArtifactError: See :func:`load_episodes`.
     """
-    from juicer.storage.evaluations import read_evaluation
-
-    ref = store.resolve(id, "evaluation")
-    rows = tuple(read_evaluation(store.open(ref)))
-    config = store.manifest(ref).recipe.config
-    if not rows or not {"task", "randomness"} <= set(config):
-        raise ArtifactError(f"{ref} does not say which task was evaluated; it is of another version of juicer")
-    return Evaluation(str(config["task"]), str(config["randomness"]), rows)
-
-
-def load_table(store: ArtifactStore, id: str) -> pd.DataFrame:
-    """Annotations, a selection, a dataset, an evaluation, or the facts about episodes, as a table.
-
-    See :func:`load_episodes` for how an artifact is named.
-
-    Raises:
-        WrongArtifactKind: If the artifact holds no table.
-        ArtifactError: If there is no such artifact, or it is damaged.
-    """
-    from juicer.episode import EpisodeRecord
-    from juicer.storage import annotations, dataset, evaluations, selections
+    from juicer.storage import annotations, dataset, selections
     from juicer.storage.frames import frame_of
 
-    ref = store.resolve(id)
-    if ref.kind == "episodes":
-        reader = load_episodes(store, ref.id)
-        return frame_of(reader.records, EpisodeRecord, length=reader.lengths.tolist())
+    ref = find(store, name, "evaluation", "episodes", "annotations", "selection", "dataset")
     if ref.kind == "annotations":
         return frame_of(annotations.read_annotations(store.open(ref)), annotations.Annotation)
     if ref.kind == "selection":
         return frame_of(selections.read_selection(store.open(ref)), selections.SelectionRow)
     if ref.kind == "dataset":
         return frame_of(dataset.read_dataset(store.open(ref)), dataset.DatasetRow)
-    if ref.kind == "evaluation":
-        return frame_of(evaluations.read_evaluation(store.open(ref)), evaluations.EvaluationRow)
-    raise WrongArtifactKind(f"{ref} holds no table; episodes, annotations, selections, datasets and evaluations do")
+    return load_episodes(store, str(ref)).table if ref.kind == "episodes" else load_evaluation(store, str(ref)).table
 
 
-def load_recordings(store: ArtifactStore, id: str) -> pd.DataFrame:
-    """What became of each operator log behind demonstrations, a row a log, see :func:`load_episodes`.
+def load_recordings(store: ArtifactStore, name: str) -> pd.DataFrame:
+    """What became of each operator log behind demonstrations, a row a log.
 
     Raises:
-        ArtifactError: If there is no such artifact, it is damaged, or was not made of logs.
+        ArtifactError: See :func:`load_episodes`; or if the episodes were not made of logs.
     """
     from juicer.storage.frames import frame_of
     from juicer.storage.recordings import Recording, read_recordings
 
-    return frame_of(read_recordings(store.open(store.resolve(id, "episodes"))), Recording)
+    return frame_of(read_recordings(store.open(find(store, name, "episodes"))), Recording)
 
 
-def load_policy(store: ArtifactStore, id: str, task: str, device: str = "cpu") -> Policy:
-    """Policy of a checkpoint, ready to act on a task; see :func:`load_episodes`.
+def load_evaluation(store: ArtifactStore, name: str) -> Evaluation:
+    """What an evaluation found.
+
+    Raises:
+        ArtifactError: See :func:`load_episodes`.
+    """
+    from juicer.sim.arguments import is_whole
+    from juicer.storage.evaluations import read_evaluation
+
+    ref = find(store, name, "evaluation")
+    rows = tuple(read_evaluation(store.open(ref)))
+    config = store.manifest(ref).recipe.config
+    if not rows or not {"task", "randomness"} <= set(config):
+        raise ArtifactError(f"{ref} does not say which task was evaluated; another version of juicer wrote it")
+    limit = config.get("max_steps")
+    steps = int(limit) if is_whole(limit) else None
+    return Evaluation(name, str(config["task"]), str(config["randomness"]), steps, rows)
+
+
+def load_curves(store: ArtifactStore, name: str) -> pd.DataFrame:
+    """Training curves of a checkpoint, a row a step and a column a curve; empty if nothing was trained.
+
+    Raises:
+        ArtifactError: See :func:`load_episodes`.
+    """
+    from juicer.library.tables import curve_table
+    from juicer.storage.curves import read_curves
+
+    return curve_table(read_curves(store.open(find(store, name, "checkpoint"))))
+
+
+def load_policy(store: ArtifactStore, name: str, task: str | None = None, device: str = "cpu") -> Policy:
+    """Policy of a checkpoint, ready to act.
+
+    Args:
+        store: Where it is kept.
+        name: See :func:`find`.
+        task: Assembly task; may be left out if the policy was trained for one only.
+        device: Torch device that computes the actions, e.g. ``cuda``.
 
     Raises:
         JuicerError: If it is not there or damaged, was not trained for the task, or torch lacks the device.
     """
     from juicer.policy.checkpoint import load_policy
 
-    return load_policy(store.open(store.resolve(id, "checkpoint")), task, device=device)
+    ref = find(store, name, "checkpoint")
+    if task is None:
+        known = store.manifest(ref).summary.get("tasks", ())
+        if not isinstance(known, list) or len(known) != 1:
+            raise ConfigError(f"{ref} was trained for {len(known)} tasks ({', '.join(map(str, known))}); choose one")
+        task = str(known[0])
+    return load_policy(store.open(ref), task, device=device)
+
+
+def tasks() -> pd.DataFrame:
+    """Every assembly task: its Gymnasium id, size, critical states and milestones."""
+    from juicer.library.tables import task_table
+
+    return task_table()
 
 
 def make(task: str = "one_leg", **settings: Any) -> AssemblyEnv:
@@ -182,6 +230,9 @@ def make(task: str = "one_leg", **settings: Any) -> AssemblyEnv:
     """
     from juicer.sim.env import AssemblyEnv
 
+    for name in settings:
+        if name not in _SETTINGS:
+            raise ConfigError(f"an environment has no setting '{name}'{did_you_mean(name, _SETTINGS)}")
     return AssemblyEnv(task, **settings)
 
 
@@ -210,6 +261,22 @@ def image(camera: str, width: int, height: int) -> ArraySpec:
     return image(camera, width, height)
 
 
+def initial_states(episodes: int = 100, first: int = 0) -> range:
+    """Seeds of the initial states of evaluations: where ``juicer evaluate`` starts, and nothing else ever does.
+
+    Args:
+        episodes: How many.
+        first: Position of the first among them.
+
+    Raises:
+        ConfigError: If there are not as many.
+    """
+    from juicer.seed_ranges import Purpose, claim
+    from juicer.sim.arguments import checked_count
+
+    return claim(Purpose.EVALUATION, checked_count("first", first, 0), checked_count("episodes", episodes))
+
+
 def rollout(
     policy: Policy | Reaction,
     task: str,
@@ -235,13 +302,16 @@ def rollout(
 
     Raises:
         InvalidAction: If the policy's actions have a wrong shape, are not finite, or are out of range.
-        PolicyFailed: If the policy is none, or raises anything.
+        PolicyFailed: If it is not a policy, or raises anything.
         ConfigError: If a name or a number is wrong.
     """
     from juicer.rollout import as_policy, rollout
+    from juicer.sim.arguments import checked_count, shown
 
-    acting = as_policy(policy)
-    return rollout(acting, task, randomness, seeds, num_envs=num_envs, max_steps=max_steps, root_seed=root_seed)
+    acting, noise = as_policy(policy), checked_count("root_seed", root_seed, 0)
+    if not isinstance(seeds, Iterable):
+        raise ConfigError(f"seeds must be a sequence of initial-state seeds, such as [0, 1], got {shown(seeds)}")
+    return rollout(acting, task, randomness, seeds, num_envs=num_envs, max_steps=max_steps, root_seed=noise)
 
 
 def evaluate(
@@ -253,25 +323,79 @@ def evaluate(
     first: int = 0,
     num_envs: int = 8,
     max_steps: int | None = None,
+    root_seed: int = 0,
 ) -> Evaluation:
     """Success rate of a policy on the initial states on which ``juicer evaluate`` measures, and nothing else is done.
 
-    Args:
-        policy: See :func:`rollout`.
-        task: Assembly task.
-        episodes: How many.
-        randomness: Level of the initial states.
-        first: Position of the first initial state among those for evaluations.
-        num_envs: Environments that run side by side; they shape no result.
-        max_steps: Steps after which an episode ends; the task's own limit if None.
+    There are ``episodes`` of them, from the position ``first`` among the initial states for evaluations on; the other
+    arguments are those of :func:`rollout`.
 
     Raises:
         JuicerError: See :func:`rollout`.
     """
-    from juicer.seed_ranges import Purpose, claim
-    from juicer.sim.arguments import checked_count
     from juicer.storage.evaluations import EvaluationRow
 
-    seeds = claim(Purpose.EVALUATION, checked_count("first", first, 0), checked_count("episodes", episodes))
-    runs = rollout(policy, task, seeds, randomness=randomness, num_envs=num_envs, max_steps=max_steps)
-    return Evaluation(task, str(randomness), tuple(EvaluationRow.of(index, run) for index, run in enumerate(runs)))
+    seeds = initial_states(episodes, first)
+    runs = rollout(
+        policy, task, seeds, randomness=randomness, num_envs=num_envs, max_steps=max_steps, root_seed=root_seed
+    )
+    rows = tuple(EvaluationRow.of(index, run) for index, run in enumerate(runs))
+    name = getattr(policy, "__name__", type(policy).__name__)
+    return Evaluation(name, task, str(randomness), max_steps, rows)
+
+
+def compare(first: Evaluation, second: Evaluation) -> PairedComparison:
+    """Two policies on the same initial states: McNemar's exact test over the states that both started from.
+
+    Raises:
+        ConfigError: If the evaluations are of different tasks, settings or initial states.
+    """
+    from juicer.library.measured import compare
+
+    return compare(first, second)
+
+
+def images(
+    episode: Episode,
+    steps: int | Iterable[int] = 6,
+    *,
+    camera: str | Sequence[str] = "front",
+    width: int = 320,
+    height: int = 240,
+    captions: bool = True,
+) -> list[Image]:
+    """Images of an episode with simulator states, each ``(height, width, 3)`` of bytes.
+
+    Args:
+        episode: What is shown.
+        steps: How many images, evenly spaced from the first step to the end; or which steps.
+        camera: ``front`` or ``wrist``, or several of them side by side.
+        width: Width of each camera's image [pixels].
+        height: Its height [pixels].
+        captions: Whether the step and the milestones reached stand above the image.
+
+    Raises:
+        JuicerError: If the episode has no simulator states, there is no such step or camera, or nothing can draw.
+    """
+    from juicer.library import drawing
+
+    return drawing.images(episode, steps, drawing.view_of(camera, width, height), captions=captions)
+
+
+def video(
+    path: str | Path,
+    episode: Episode,
+    *,
+    camera: str | Sequence[str] = ("front", "wrist"),
+    width: int = 320,
+    height: int = 240,
+    speed: float = 1.0,
+) -> Path:
+    """Write a captioned video of an episode into an ``.mp4``, and give its path; ``speed`` in multiples of real time.
+
+    Raises:
+        JuicerError: See :func:`images`; or if the file cannot be written.
+    """
+    from juicer.library import drawing
+
+    return drawing.video(Path(path), episode, drawing.view_of(camera, width, height), speed)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from statistics import NormalDist, fmean
+from statistics import fmean
 
 import numpy as np
 
@@ -24,15 +23,10 @@ def wilson_interval(successes: int, trials: int, level: float = 0.95) -> Interva
     """
     if not 0 <= successes <= trials or trials == 0:
         raise ValueError(f"{successes} successes in {trials} trials do not make a rate")
-    z = NormalDist().inv_cdf(0.5 + level / 2)
-    rate = successes / trials
-    scale = 1 + z * z / trials
-    center = (rate + z * z / (2 * trials)) / scale
-    half = z / scale * math.sqrt(rate * (1 - rate) / trials + z * z / (4 * trials * trials))
-    # The ends are exact at the borders; rounding must not move them off.
-    low = 0.0 if successes == 0 else center - half
-    high = 1.0 if successes == trials else center + half
-    return (low, high)
+    from scipy.stats import binomtest  # takes half a second to import
+
+    interval = binomtest(successes, trials).proportion_ci(level, method="wilson")
+    return (float(interval.low), float(interval.high))
 
 
 def hierarchical_interval(
@@ -158,6 +152,13 @@ class PairedComparison:
         """Rate of the second minus rate of the first."""
         return (self.second_only - self.first_only) / self.num_pairs
 
+    def __str__(self) -> str:
+        """The comparison in a sentence."""
+        return (
+            f"{self.first} alone succeeded from {self.first_only} of {self.num_pairs} initial states, {self.second} "
+            f"alone from {self.second_only}: p = {self.p_value:.2g} (McNemar's exact test)"
+        )
+
 
 def compare(first: ConditionResult, second: ConditionResult) -> PairedComparison:
     """Pair the models of two conditions by training seed and their episodes by initial state.
@@ -186,9 +187,10 @@ def compare(first: ConditionResult, second: ConditionResult) -> PairedComparison
 
 def mcnemar_p_value(first_only: int, second_only: int) -> float:
     """Exact two-sided p-value of a discordance of ``first_only`` against ``second_only`` episodes."""
+    from scipy.stats import binomtest  # takes half a second to import
+
     discordant = first_only + second_only
-    tail = sum(math.comb(discordant, count) for count in range(min(first_only, second_only) + 1))
-    return min(1.0, 2 * tail / (1 << discordant))
+    return float(binomtest(first_only, discordant).pvalue) if discordant else 1.0
 
 
 def milestone_counts(milestones: Sequence[Mapping[str, int]], names: Sequence[str]) -> dict[str, int]:

@@ -268,18 +268,24 @@ def _predict(policy: Policy, names: Sequence[str], running: Sequence[_RunningEpi
     observations = {name: np.stack([episode.history.array(name) for episode in running]) for name in names}
     try:
         answer = policy.predict(observations, [episode.noise for episode in running])
+        chunks = real_numbers(answer, "the policy's action chunks")
+    except InvalidAction as error:
+        raise _refused(running, error) from None
     except JuicerError:
         raise
     except Exception as error:  # whatever a stranger's policy may raise
         rows = f"{len(running)} episode{'s' * (len(running) > 1)}"
         reason = f"{type(error).__name__}: {printable(error)}"
         raise PolicyFailed(f"the policy failed on {rows}, at {running[0]}: {reason}") from error
-    chunks = real_numbers(answer, "the policy's action chunks")
     horizon = policy.action_horizon
     if chunks.ndim != 3 or len(chunks) != len(running) or chunks.shape[1] < horizon or chunks.shape[2] != ACTION_SIZE:
         expected = f"({len(running)}, at least {horizon}, {ACTION_SIZE})"
-        raise InvalidAction(f"the policy returned action chunks of shape {chunks.shape}, but {expected} is needed")
+        raise _refused(running, f"the policy returned action chunks of shape {chunks.shape}, but {expected} is needed")
     return chunks[:, :horizon]
+
+
+def _refused(running: Sequence[_RunningEpisode], reason: object) -> InvalidAction:
+    return InvalidAction(f"at {running[0]}: {reason}")
 
 
 def _in_order(indexed: Iterator[tuple[int, Episode]]) -> Iterator[Episode]:

@@ -115,22 +115,25 @@ class Captioner:
         now = f"step {self.episode.recorded_step(step)}"
         pen.text((left, first), now, _INK, self._large)
         beside = left + self._large.getlength(now) + self._small_px / 2
-        pen.text((beside, first + self._large_px - self._small_px), self._progress(step, beside), _MUTED, self._font)
+        right: float = self._inner_width - self._margin
         if step == len(self.episode):
             outcome = self.episode.record.outcome
             told = _words(outcome.value)
             color = _GOOD if outcome is Outcome.SUCCESS else _NEWS
-            right = self._inner_width - self._margin - self._large.getlength(told)
-            if right > beside:
-                pen.text((right, first), told, color, self._large)
+            left_of_outcome = right - self._large.getlength(told)
+            if left_of_outcome > beside:
+                pen.text((left_of_outcome, first), told, color, self._large)
+                right = left_of_outcome - self._small_px / 2
+        told = self._progress(step, right - beside)
+        pen.text((beside, first + self._large_px - self._small_px), told, _MUTED, self._font)
         self._list_milestones(pen, step, first + round(1.6 * self._row))
 
-    def _progress(self, step: int, left: float) -> str:
+    def _progress(self, step: int, room: float) -> str:
         """As much as there is room for."""
         numbered = self.episode.recorded_step
         seconds = f"{numbered(step) * STEP_S:.1f} s"
         whole = f"of {numbered(len(self.episode))}{_SEPARATOR}{seconds}"
-        return whole if left + self._font.getlength(whole) <= self._room else seconds
+        return next((told for told in (whole, seconds) if self._font.getlength(told) <= room), "")
 
     def _list_milestones(self, pen: ImageDraw.ImageDraw, step: int, top: int) -> None:
         """The milestones reached so far, the latest last; the earliest are left out if there are too many."""

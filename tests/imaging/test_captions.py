@@ -77,3 +77,13 @@ def test_a_title_too_long_for_a_line_takes_several(episode_factory):
     short = Captioner(episode_factory(12), BOTH, ["one"]).caption(frame_of(BOTH, 0))
     long = Captioner(episode_factory(12), BOTH, [f"item number {n}" for n in range(20)]).caption(frame_of(BOTH, 0))
     assert len(long) > len(short)
+
+
+def test_the_outcome_stands_clear_of_the_time(episode_factory):
+    view = View(("front",), 240, 180)
+    episode = episode_factory(300)
+    end = Captioner(episode, view).caption(frame_of(view, 300))
+    row = end[: end.shape[0] - view.height - 20]
+    green = np.flatnonzero(((row[..., 1] > 180) & (row[..., 0] < 160)).any(axis=0))
+    before = row[:, green[0] - 4 : green[0] - 1]
+    assert before.max() < 60

@@ -184,6 +184,16 @@ def test_drawing_needs_neither_display_nor_settings_nor_an_order_of_imports(impo
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.parametrize("first", ["import gymnasium, mujoco", "from juicer import api"])
+def test_gymnasium_finds_and_draws_an_environment_by_its_name_alone(first: str):
+    done = run(
+        f"{first}\nimport gymnasium\n"
+        "env = gymnasium.make('juicer.sim.registration:juicer/OneLeg-v0', render_mode='rgb_array')\n"
+        "env.reset(seed=0)\nassert env.render().std() > 10"
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.mark.parametrize("setting", ["off", "osmesa"])
 def test_a_machine_that_cannot_draw_says_how_to_mend_it(setting: str):
     script = (

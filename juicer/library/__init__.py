@@ -1,0 +1,1 @@
+"""What stands behind :mod:`juicer.api`: names of models, tables, evaluations and images for whoever works in Python."""

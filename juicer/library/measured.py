@@ -1,0 +1,102 @@
+"""What an evaluation found, and how two of them compare."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from juicer.errors import ConfigError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from juicer.evaluation import PairedComparison
+    from juicer.storage.evaluations import EvaluationRow
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """How a policy did.
+
+    Attributes:
+        name: Whose evaluation it is: the name of a policy's class or function, or what a stored one was
+            called when it was loaded.
+        task: Assembly task.
+        randomness: Level of the initial states.
+        max_steps: Steps after which an episode ended; the task's own limit if None.
+        rows: How each episode ended, in the order of the initial states.
+    """
+
+    name: str
+    task: str
+    randomness: str
+    max_steps: int | None
+    rows: tuple[EvaluationRow, ...]
+
+    @property
+    def successes(self) -> int:
+        """Episodes in which everything was assembled."""
+        return self.outcomes.get("success", 0)
+
+    @property
+    def rate(self) -> float:
+        """Share of successes."""
+        return self.successes / len(self.rows)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % Wilson interval of the rate."""
+        from juicer.evaluation import wilson_interval
+
+        return wilson_interval(self.successes, len(self.rows))
+
+    @property
+    def outcomes(self) -> dict[str, int]:
+        """Episodes by how they ended."""
+        return dict(Counter(row.outcome.value for row in self.rows))
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row an episode, and a column for the step at which each milestone was reached."""
+        from juicer.library.tables import episode_table
+        from juicer.storage.evaluations import EvaluationRow
+
+        return episode_table(self.rows, EvaluationRow).set_index("episode")
+
+    def __str__(self) -> str:
+        """The rate in a sentence, with all that belongs to it."""
+        low, high = self.interval
+        share = f"{self.successes} of {len(self.rows)} episodes of {self.task} ({self.randomness}) succeeded"
+        return f"{share}: {self.rate:.1%} (95 % interval {low:.1%} to {high:.1%})"
+
+
+def compare(first: Evaluation, second: Evaluation) -> PairedComparison:
+    """Pair the episodes of two evaluations that start from the same initial state.
+
+    Raises:
+        ConfigError: If one is not an evaluation, if they are not of the same task, randomness and length of an
+            episode, or if they have no initial state in common.
+    """
+    from juicer.evaluation import PairedComparison, mcnemar_p_value
+    from juicer.tasks.registry import get_task
+
+    for one in (first, second):
+        if not isinstance(one, Evaluation):
+            raise ConfigError(f"two evaluations are compared, such as evaluate() gives, not a {type(one).__name__}")
+    for what in ("task", "randomness"):
+        if getattr(first, what) != getattr(second, what):
+            raise ConfigError(
+                f"only evaluations of one {what} can be compared, got '{getattr(first, what)}' and "
+                f"'{getattr(second, what)}'"
+            )
+    limits = {one.max_steps or get_task(one.task).max_steps for one in (first, second)}
+    if len(limits) > 1:
+        raise ConfigError(f"evaluations with max_steps of {min(limits)} and {max(limits)} cannot be compared")
+    succeeded = [{row.seed: row.outcome == "success" for row in one.rows} for one in (first, second)]
+    pairs = [(succeeded[0][seed], succeeded[1][seed]) for seed in succeeded[0] if seed in succeeded[1]]
+    if not pairs:
+        raise ConfigError(f"'{first.name}' and '{second.name}' were evaluated on different initial states")
+    first_only, second_only = pairs.count((True, False)), pairs.count((False, True))
+    p_value = mcnemar_p_value(first_only, second_only)
+    return PairedComparison(first.name, second.name, first_only, second_only, len(pairs), p_value)

@@ -1,0 +1,151 @@
+"""What a store holds, as DataFrames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from juicer.artifacts.manifest import Manifest
+from juicer.artifacts.ref import KINDS, ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.episode import Episode, Outcome, Role
+from juicer.errors import ArtifactError, ConfigError, did_you_mean
+from juicer.library.names import read_models
+from juicer.reporting.lineage import read_lineage
+from juicer.sim.registration import environment_id
+from juicer.storage.curves import Curves
+from juicer.storage.frames import frame_of
+from juicer.tasks.registry import TASK_NAMES, get_task
+from juicer.text import printable
+
+HEADLINE, FINDING = "headline", "finding"
+"""Keys of a summary that hold a sentence."""
+
+
+def artifact_table(store: ArtifactStore, kind: str | None) -> pd.DataFrame:
+    """A row an artifact, oldest first; with a kind, a column for each number and word of the summaries, too.
+
+    Raises:
+        ConfigError: If there is no such kind.
+    """
+    if kind is not None and kind not in KINDS:
+        raise ConfigError(f"unknown kind of artifact '{printable(kind)}'{did_you_mean(str(kind), KINDS)}")
+    names = {ref: model.name for model in read_models(store) for ref in (model.evaluation, model.checkpoint)}
+    rows = [
+        {**_described(manifest), "name": names.get(manifest.ref, ""), **(_facts(manifest) if kind else {})}
+        for manifest in store.list(kind)
+    ]
+    columns = ["id", "kind", "name", "stage", "finished", "seconds", "megabytes", HEADLINE]
+    table = pd.DataFrame(rows, columns=columns if not rows else None)
+    return table[[*columns, *(name for name in table.columns if name not in columns)]].set_index("id")
+
+
+def model_table(store: ArtifactStore) -> pd.DataFrame:
+    """A row a model that a report names, with what its evaluation found."""
+    rows = []
+    for model in read_models(store):
+        found = ("episodes", "successes", "success_rate", "interval_low", "interval_high", "mean_length")
+        try:
+            summary = store.manifest(model.evaluation).summary
+        except ArtifactError:
+            summary = {}
+        _, _, condition, _ = model.words
+        rows.append(
+            {
+                "name": model.name,
+                "study": model.study,
+                "task": model.task,
+                "condition": condition,
+                "seed": model.seed,
+                **{name: summary.get(name) for name in found},
+                "evaluation": model.evaluation.id,
+                "checkpoint": model.checkpoint.id if model.checkpoint else None,
+                "report": model.report.id,
+            }
+        )
+    return pd.DataFrame(rows).set_index("name") if rows else pd.DataFrame()
+
+
+def lineage_table(store: ArtifactStore, ref: ArtifactRef) -> pd.DataFrame:
+    """An artifact and everything it was made from, parents first; what was deleted has only its id."""
+    rows = []
+    for each, manifest in read_lineage(store, [ref]).items():
+        parents = [parent.id for parent in manifest.recipe.parents] if manifest else []
+        rows.append((_described(manifest) if manifest else {"id": each.id, "kind": each.kind}) | {"parents": parents})
+    return pd.DataFrame(rows).set_index("id")
+
+
+def episode_table(rows: Sequence[Any], row_type: type[Any]) -> pd.DataFrame:
+    """A row an episode, of a type with ``outcome`` and ``milestones``; each milestone's step has a column.
+
+    Milestones stand in the order in which they are first reached.
+    """
+    steps: dict[str, int] = {}
+    for row in rows:
+        for name, step in row.milestones.items():
+            steps[name] = min(step, steps.get(name, step))
+    table = frame_of(rows, row_type).drop(columns="milestones")
+    table.insert(table.columns.get_loc("outcome") + 1, "success", table["outcome"] == Outcome.SUCCESS.value)
+    for name in sorted(steps, key=lambda name: steps[name]):
+        table[name] = pd.array([row.milestones.get(name) for row in rows], dtype="Int64")
+    return table
+
+
+def step_table(episode: Episode) -> pd.DataFrame:
+    """A row a step; columns are the name of an array and the place in it, so that ``table["action"]`` is one of both.
+
+    Simulator states and arrays of more than one dimension a step, such as images, are left out.
+    """
+    shown = [name for name in episode.schema.names() if episode.steps[name].ndim <= 2]
+    hidden = episode.schema.names(Role.STATE)
+    arrays = {name: episode.steps[name].reshape(len(episode), -1) for name in shown if name not in hidden}
+    frames = {name: pd.DataFrame(values) for name, values in arrays.items()}
+    return pd.concat(frames, axis=1).rename_axis(index="step", columns=["array", "place"])
+
+
+def curve_table(curves: Curves) -> pd.DataFrame:
+    """A row an optimiser step, a column a curve; NaN where a curve was not measured."""
+    columns = {name: pd.Series(values, index=list(steps), dtype=float) for name, (steps, values) in curves.items()}
+    return pd.DataFrame(columns).rename_axis(index="step")
+
+
+def task_table() -> pd.DataFrame:
+    """A row an assembly task."""
+    tasks = [get_task(name) for name in TASK_NAMES]
+    rows = [
+        {
+            "task": task.name,
+            "environment": environment_id(task.name),
+            "parts": len(task.parts),
+            "pairs": len(task.pairs),
+            "max_steps": task.max_steps,
+            "critical_states": ", ".join(task.critical_state_names),
+            "milestones": ", ".join(task.milestones),
+        }
+        for task in tasks
+    ]
+    return pd.DataFrame(rows).set_index("task")
+
+
+def _described(manifest: Manifest) -> dict[str, Any]:
+    summary = manifest.summary
+    return {
+        "id": manifest.ref.id,
+        "kind": manifest.ref.kind,
+        "stage": printable(manifest.recipe.stage),
+        "finished": pd.Timestamp(manifest.finished).tz_convert("UTC").floor("s"),
+        "seconds": manifest.seconds,
+        "megabytes": round(sum(entry.bytes for entry in manifest.files) / 1e6, 3),
+        HEADLINE: printable(summary.get(HEADLINE, summary.get(FINDING, ""))),
+    }
+
+
+def _facts(manifest: Manifest) -> Mapping[str, Any]:
+    """Numbers and words of a summary; what has an inside of its own stays in the manifest."""
+    return {
+        name: value
+        for name, value in manifest.summary.items()
+        if name not in (HEADLINE, FINDING) and isinstance(value, int | float | str)
+    }
