@@ -136,16 +136,11 @@ def load_table(store: ArtifactStore, name: str) -> pd.DataFrame:
     Raises:
         ArtifactError: See :func:`load_episodes`.
     """
-    from juicer.storage import annotations, dataset, selections
-    from juicer.storage.frames import frame_of
+    from juicer.library.tables import row_table
 
     ref = find(store, name, "evaluation", "episodes", "annotations", "selection", "dataset")
-    if ref.kind == "annotations":
-        return frame_of(annotations.read_annotations(store.open(ref)), annotations.Annotation)
-    if ref.kind == "selection":
-        return frame_of(selections.read_selection(store.open(ref)), selections.SelectionRow)
-    if ref.kind == "dataset":
-        return frame_of(dataset.read_dataset(store.open(ref)), dataset.DatasetRow)
+    if ref.kind in ("annotations", "selection", "dataset"):
+        return row_table(store, ref)
     return load_episodes(store, str(ref)).table if ref.kind == "episodes" else load_evaluation(store, str(ref)).table
 
 

@@ -108,9 +108,8 @@ def rollout(
 ) -> Iterator[Episode]:
     """Run one episode for every initial-state seed and yield them in the order of the seeds.
 
-    All running episodes share one policy call a turn, then each executes its own chunk in its own thread
-    (MuJoCo steps without the interpreter lock). What an episode holds depends on the policy, the seed and
-    ``root_seed`` alone: not on ``num_envs``, ``num_workers`` or the other seeds.
+    All running episodes share one policy call a turn, then each executes its own chunk in its own thread. What an
+    episode holds depends on the policy, its seed and ``root_seed``, not on ``num_envs``, ``num_workers`` or other seeds.
 
     Args:
         policy: What acts.

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from juicer.artifacts.manifest import Manifest
+from juicer.artifacts.manifest import FINDING, HEADLINE, Manifest
 from juicer.artifacts.ref import KINDS, ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Episode, Outcome, Role
@@ -15,13 +15,13 @@ from juicer.errors import ArtifactError, ConfigError, did_you_mean
 from juicer.library.names import read_models
 from juicer.reporting.lineage import read_lineage
 from juicer.sim.registration import environment_id
+from juicer.storage.annotations import Annotation, read_annotations
 from juicer.storage.curves import Curves
+from juicer.storage.dataset import DatasetRow, read_dataset
 from juicer.storage.frames import frame_of
+from juicer.storage.selections import SelectionRow, read_selection
 from juicer.tasks.registry import TASK_NAMES, get_task
 from juicer.text import printable
-
-HEADLINE, FINDING = "headline", "finding"
-"""Keys of a summary that hold a sentence."""
 
 
 def artifact_table(store: ArtifactStore, kind: str | None) -> pd.DataFrame:
@@ -127,6 +127,20 @@ def task_table() -> pd.DataFrame:
         for task in tasks
     ]
     return pd.DataFrame(rows).set_index("task")
+
+
+def row_table(store: ArtifactStore, ref: ArtifactRef) -> pd.DataFrame:
+    """Rows of annotations, a selection or a dataset.
+
+    Raises:
+        ArtifactError: If the artifact is damaged.
+    """
+    folder = store.open(ref)
+    if ref.kind == "annotations":
+        return frame_of(read_annotations(folder), Annotation)
+    if ref.kind == "selection":
+        return frame_of(read_selection(folder), SelectionRow)
+    return frame_of(read_dataset(folder), DatasetRow)
 
 
 def _described(manifest: Manifest) -> dict[str, Any]:
