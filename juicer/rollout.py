@@ -109,7 +109,7 @@ def rollout(
     """Run one episode for every initial-state seed and yield them in the order of the seeds.
 
     All running episodes share one policy call a turn, then each executes its own chunk in its own thread. What an
-    episode holds depends on the policy, its seed and ``root_seed``, not on ``num_envs``, ``num_workers`` or other seeds.
+    episode holds depends on the policy, its seed and ``root_seed``, not on ``num_envs``, ``num_workers`` or others.
 
     Args:
         policy: What acts.
