@@ -1,20 +1,21 @@
-"""What MLflow is told about a run: a run for each condition, and below it one for each of its models."""
+"""What MLflow is told about a run: which models it makes, and their curves while they are made."""
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+import hashlib
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from flows.conditions import METHODS, Condition
 from flows.config import RunConfig
+from flows.loop import ModelOutcome
 from juicer.artifacts.code_version import code_version
-from juicer.evaluation import ConditionResult
-from juicer.reporting.comparison import markdown_table
+from juicer.artifacts.ref import ArtifactRef
+from juicer.config import canonical_json
+from juicer.progress import MetricSink
 from stages.runtime.names import STAGES
-from stages.tracking.journal import FINISHED
-from stages.tracking.record import ModelRecord, RunDescription, RunRecord
+from stages.tracking.model import Model
+from stages.tracking.recorder import Recorder
 
 _NOT_IDENTITY = {"condition", "conditions", "seed", "seeds", "flow", "logs", "labels"}
 _SHARED_PARAMS = ("task", "randomness", "record", "ingest", "annotate", "augment", "collect", "select", "evaluate")
@@ -23,96 +24,74 @@ _SHARED_PARAMS = ("task", "randomness", "record", "ingest", "annotate", "augment
 class Tracking:
     """The records of one run of a flow."""
 
-    def __init__(self, folder: Path, config: RunConfig) -> None:
-        """Open the records below ``folder`` as they are asked for."""
-        self._folder = folder
+    def __init__(self, recorder: Recorder, config: RunConfig) -> None:
+        """Describe the models of a run to a recorder."""
+        self._recorder = recorder
         self._config = config
         content = config.model_dump(mode="json", exclude=_NOT_IDENTITY)
         code = {name: code_version(f"stages.{name}") for name in STAGES}
-        self._identity = {"config": content, "code": code}
-        self._lock = threading.Lock()
-        self._conditions: dict[Condition, RunRecord] = {}
-        self._models: dict[tuple[Condition, int], RunRecord] = {}
+        self._identity = hashlib.sha256(canonical_json({"config": content, "code": code}).encode()).hexdigest()[:16]
+        self._finished: list[Model] = []
 
-    def model(self, condition: Condition, seed: int) -> ModelRecord:
-        """Record of one model."""
-        trained = not METHODS[condition].replays
-        training = self._config.final_training(condition, seed).model_dump(mode="json") if trained else {}
-        description = RunDescription(
-            experiment=self._config.name,
-            name=f"{condition} seed {seed}",
-            identity={**self._identity, "seed": seed},
-            params={**self._params(condition), "seed": seed, **dict(_flat(training, "train."))},
-            tags={
-                "condition": condition.value,
-                "seed": str(seed),
-                "juicer.model": f"{self._config.task}.{condition}",
-                "juicer.alias": f"seed-{seed}",
-            },
-        )
-        with self._lock:
-            record = RunRecord(self._folder, description, parent=self._condition(condition))
-            self._models[condition, seed] = record
-        return ModelRecord(record)
+    def model(self, condition: Condition, seed: int) -> LiveModel:
+        """Record of one model while it is made."""
+        rounds = self._config.rounds if METHODS[condition].collects else 0
+        return LiveModel(self._recorder, self._describe(condition, seed), rounds)
 
-    def finish(self, condition: Condition, seed: int) -> None:
-        """The model of a condition and seed is done, whatever becomes of the others."""
-        self._models[condition, seed].close(FINISHED)
+    def finish(self, outcome: ModelOutcome) -> None:
+        """A model is done, whatever becomes of the others."""
+        model = self._describe(outcome.condition, outcome.seed)
+        model = model.model_copy(update={"evaluation": str(outcome.evaluation), "finding": outcome.finding})
+        self._finished.append(model)
+        self._recorder.note(model)
 
-    def whole(self) -> ModelRecord:
-        """Record of what concerns all models: that of the last condition."""
-        with self._lock:
-            return ModelRecord(self._condition(self._config.conditions[-1]))
+    def conclude(self, report: ArtifactRef) -> None:
+        """The page about all models is there."""
+        for model in self._finished:
+            self._recorder.note(model.model_copy(update={"report": str(report)}))
 
-    def conclude(self, results: Sequence[ConditionResult]) -> None:
-        """Note what the conditions came to."""
-        titles = {METHODS[condition].title: record for condition, record in self._conditions.items()}
-        for result in results:
-            low, high = result.interval
-            metrics = {
-                "success_rate": result.average,
-                "success_rate_best": result.best,
-                "success_rate_low": low,
-                "success_rate_high": high,
-                "episodes": result.num_episodes,
-                "models": result.num_models,
-            }
-            titles[result.condition].result(metrics, markdown_table(results))
-
-    def close(self, status: str) -> None:
-        """End every record; those of finished models, and of conditions with no other, end well in any case."""
-        with self._lock:
-            for record in self._models.values():
-                if record.status != FINISHED:
-                    record.close(status)
-            for condition, record in self._conditions.items():
-                of_models = {model.status for key, model in self._models.items() if key[0] is condition}
-                record.close(FINISHED if of_models == {FINISHED} else status)
-
-    def _condition(self, condition: Condition) -> RunRecord:
-        if condition not in self._conditions:
-            description = RunDescription(
-                experiment=self._config.name,
-                name=METHODS[condition].title,
-                identity=self._identity,
-                params=self._params(condition),
-                tags={"condition": condition.value},
-            )
-            self._conditions[condition] = RunRecord(self._folder, description)
-        return self._conditions[condition]
-
-    def _params(self, condition: Condition) -> dict[str, Any]:
-        config = self._config
+    def _describe(self, condition: Condition, seed: int) -> Model:
+        config, method = self._config, METHODS[condition]
         # As the stages get them: with the task and the randomness that a section leaves to the top level.
-        of_stages = {
+        sections = {
             "record": config.recording,
             "ingest": config.ingestion,
             "collect": config.collection(seed=0, round_index=1),
             "evaluate": config.evaluation,
+            **({} if method.replays else {"train": config.final_training(condition, seed)}),
         }
         content = config.model_dump(mode="json", include=set(_SHARED_PARAMS))
-        content |= {name: section.model_dump(mode="json") for name, section in of_stages.items()}
-        return {"condition": condition.value, **dict(_flat(content))}
+        content |= {name: section.model_dump(mode="json") for name, section in sections.items()}
+        return Model(
+            study=config.name,
+            identity=self._identity,
+            condition=condition.value,
+            title=method.title,
+            seed=seed,
+            task=config.task,
+            params={"condition": condition.value, "seed": seed, **dict(_flat(content))},
+        )
+
+
+class LiveModel:
+    """Passes on the curves of a model that is being made; the final model's have the plain names."""
+
+    def __init__(self, recorder: Recorder, model: Model, rounds: int, turn: int = 0) -> None:
+        """Record a model that is trained again ``rounds`` times, after ``turn`` of them."""
+        self._recorder, self._model, self._rounds, self._turn = recorder, model, rounds, turn
+
+    def metrics(self, stage: str) -> MetricSink:
+        """Where the curves of a stage go while it runs."""
+        return self
+
+    def log(self, metrics: Mapping[str, float], step: int) -> None:
+        """Show numbers at a step."""
+        prefix = "" if self._turn == self._rounds else f"round_{self._turn + 1}/"
+        self._recorder.log(self._model, {f"{prefix}{name}": number for name, number in metrics.items()}, step)
+
+    def for_round(self, turn: int) -> LiveModel:
+        """The record of one turn of collect, select, train."""
+        return LiveModel(self._recorder, self._model, self._rounds, turn)
 
 
 def _flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -29,7 +29,7 @@ from flows.servers.program import MLFLOW_PASSWORD, MLFLOW_USER, NAMES_VARIABLE, 
 from flows.servers.secret import SECRET_FILE, credentials_of, write_private
 from flows.terminal.output import say, say_json
 from juicer.errors import ConfigError, ServiceUnavailable
-from stages.tracking.courier import Destination, initialise
+from stages.tracking.destination import Destination
 
 PREFECT_PORT = 4200
 MLFLOW_PORT = 5000
@@ -61,7 +61,7 @@ def serve_pages(prefect_port: int | None, mlflow_port: int | None, as_json: bool
             say("starting Prefect's and MLflow's servers ...")
         os.environ.update(quiet_environment(settings) | {NAMES_VARIABLE: settings.allowed_hosts})
         # The lock that runs hold, too, when they make the database.
-        initialise(place.folder(settings.folder / "tracking"), place)
+        place.initialise()
         logs = settings.folder / "logs-of-servers"
         logs.mkdir(exist_ok=True)
         variables = (_prefect_variables(settings, credentials), _mlflow_variables(settings, place, credentials))

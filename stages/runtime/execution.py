@@ -101,7 +101,6 @@ def _finish(call: StageCall, session: Session, finished: Finished) -> Finished:
     manifest = session.store.manifest(finished.ref)
     state = "reused" if finished.reused else "done"
     session.display.finished(call.stage.name, session.label, state, manifest.summary)
-    session.record.made(finished.ref, call.stage.name)
     logger.info("%s: %s %s %s", call.stage.name, state, finished.ref, brief(manifest))
     return finished
 
