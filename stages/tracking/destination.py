@@ -95,13 +95,23 @@ def reason(error: Exception) -> str:
     return " ".join(str(error).split())[:200] or type(error).__name__
 
 
-def runs_page(pages: str, experiment: str) -> str:
+def newest_study(client: MlflowClient) -> str | None:
+    """Id of the experiment that was told of last; none before there is any."""
+    found = client.search_experiments(
+        max_results=1, filter_string="name != 'Default'", order_by=["last_update_time DESC"]
+    )
+    return found[0].experiment_id if found else None
+
+
+def runs_page(pages: str, experiment: str | None) -> str:
     """Address of a study's runs in MLflow, success rates in front and the best first.
 
     Args:
         pages: Address of MLflow's pages.
-        experiment: Id of the study's experiment.
+        experiment: Id of the study's experiment; all experiments if None.
     """
+    if experiment is None:
+        return f"{pages.rstrip('/')}/#/experiments"
     return f"{pages.rstrip('/')}/#/experiments/{experiment}/runs?viewStateShareKey={VIEW}"
 
 

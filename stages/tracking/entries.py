@@ -187,25 +187,12 @@ def version_tags(model: Model, history: History, checkpoint: ArtifactRef) -> dic
     return tags | ({"commit": found} if (found := commit(history.evaluation)) else {})
 
 
-def story(history: History, finding: str) -> str:
-    """Markdown table of everything an evaluation was made from, and of itself."""
+def story(experiment: str, run: str, history: History, finding: str) -> str:
+    """What stands above the facts of a model, in Markdown."""
     ref = history.evaluation.ref
-    lines = [f"**{finding}**", ""] if finding else []
-    lines += [
-        f"What `{ref}` was made from; the drawing is `lineage.html` among the artifacts, and `juicer lineage {ref.id}` "
-        "prints it:",
-        "",
-        "| artifact | made by | from | facts |",
-        "|---|---|---|---|",
-    ]
-    for each, manifest in history.known.items():
-        if manifest is None:
-            lines.append(f"| `{each}` | | | no longer there |")
-            continue
-        files = [f"{len(manifest.recipe.files)} files"] if manifest.recipe.files else []
-        parents = ", ".join([f"`{parent}`" for parent in manifest.recipe.parents] + files)
-        lines.append(f"| `{each}` | {manifest.recipe.stage} | {parents} | {label_of(manifest)} |")
-    return "\n".join(lines) + "\n"
+    page = f"#/experiments/{experiment}/runs/{run}/artifacts/lineage.html"
+    told = f"{label_of(history.evaluation)} succeeded. [What it was made from]({page}); `juicer show {ref.id}`."
+    return f"**{finding}**\n\n{told}\n" if finding else f"{told}\n"
 
 
 def guide(results: Sequence[ConditionResult], comparison: str, report: str) -> str:

@@ -165,7 +165,7 @@ class Study:
         self._client.log_text(identity, page, "lineage.html")
         if history.checkpoint:
             self._log_checkpoint(run, model, history, history.checkpoint)
-        note = entries.story(history, model.finding)
+        note = entries.story(self.experiment, identity, history, model.finding)
         parent = self.open(model.parent_key, model.title, {"condition": model.condition}, run.info.start_time)
         tags = {NOTE: note, "mlflow.parentRunId": parent.info.run_id, "mlflow.loggedArtifacts": entries.LOGGED_TABLE}
         if commit := entries.commit(history.evaluation):
@@ -183,7 +183,7 @@ class Study:
         (result,) = self._results(models)
         params = {key: value for key, value in first.params.items() if key.rpartition(".")[2] != "seed"}
         self._log_params(run, params)
-        self._log_numbers(run, entries.rates(result), end, len(models))
+        self._log_numbers(run, entries.rates(result), end)
         for model in models:
             self._log_datasets(run, histories[model.key])
         refs = {histories[model.key].evaluation.ref: model for model in models}
@@ -222,9 +222,9 @@ class Study:
         for batch in _batches(missing, PARAMS_BATCH):
             self._client.log_batch(run.info.run_id, params=batch)
 
-    def _log_numbers(self, run: Run, numbers: Mapping[str, float], time: int, step: int = 0) -> None:
+    def _log_numbers(self, run: Run, numbers: Mapping[str, float], time: int) -> None:
         known = run.data.metrics
-        missing = [Metric(name, value, time, step) for name, value in numbers.items() if known.get(name) != value]
+        missing = [Metric(name, value, time, 0) for name, value in numbers.items() if known.get(name) != value]
         for batch in _batches(missing, BATCH):
             self._client.log_batch(run.info.run_id, metrics=batch)
 

@@ -13,6 +13,7 @@ import pytest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.storage.curves import read_curves
+from stages.tracking.destination import newest_study, runs_page
 from stages.tracking.model import noted
 from stages.tracking.publish import COMPLETE, publish
 
@@ -137,6 +138,7 @@ import sys
 from pathlib import Path
 from juicer.artifacts.store import ArtifactStore
 from stages.tracking.destination import Destination
+from stages.tracking.destination import newest_study, runs_page
 from stages.tracking.model import noted
 from stages.tracking.publish import publish
 data = Path(sys.argv[1])
@@ -171,6 +173,19 @@ def test_a_copied_data_folder_delivers_nothing_twice_and_writes_nothing_to_the_o
     study.model(seed=7).note(copy / "tracking" / "here")
     assert publish_elsewhere(copy) == sorted([*shown, "BC, seed 7 5"])
     assert not data.exists()
+
+
+def test_the_address_that_is_printed_opens_a_view_with_success_in_front(destination, store, study):
+    assert runs_page("http://127.0.0.1:5000", newest_study(destination.connect())).endswith("/#/experiments")
+    client = show(destination, store, [study.model()])
+    experiment = client.get_experiment_by_name("study")
+    page = runs_page("http://127.0.0.1:5000/", newest_study(client))
+    view = page.rpartition("=")[2]
+    assert page == f"http://127.0.0.1:5000/#/experiments/{experiment.experiment_id}/runs?viewStateShareKey={view}"
+    state = json.loads(experiment.tags[f"mlflow.sharedViewState.{view}"])
+    assert (state["orderByKey"], state["orderByAsc"]) == ("metrics.`success_rate`", False)
+    assert state["selectedColumns"][0] == "metrics.`success_rate`"
+    assert "**BC " in experiment.tags["mlflow.note.content"]
 
 
 def test_durations_are_what_the_stages_of_the_model_took(destination, store, study):
