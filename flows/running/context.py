@@ -1,4 +1,4 @@
-"""Brings together what a run needs: the store, the progress lines, the records and their delivery."""
+"""Brings together what a run needs: the store, the progress lines, the records."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from stages.runtime.session import Performer, Sender, Session
 from stages.tracking.destination import Destination, runs_page
 from stages.tracking.recorder import Recorder
 
-DELIVERY_SECONDS = 60.0
+PUBLISHING_SECONDS = 60.0
 """How long the end of a run may wait for MLflow."""
 
 
@@ -78,9 +78,9 @@ def open_run(
         patience, status = 0.0, "KILLED"
         try:
             yield RunContext(session, board, Tracking(recorder, config))
-            patience, status = DELIVERY_SECONDS, "FINISHED"
+            patience, status = PUBLISHING_SECONDS, "FINISHED"
         except Exception:
-            patience, status = DELIVERY_SECONDS, "FAILED"
+            patience, status = PUBLISHING_SECONDS, "FAILED"
             raise
         finally:
             if not recorder.finish(patience, status) and patience:

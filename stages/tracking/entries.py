@@ -7,6 +7,7 @@ import json
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 from mlflow.entities import Dataset, DatasetInput, InputTag
@@ -32,48 +33,11 @@ LONGEST_VALUE = 500
 
 
 def view() -> dict[str, str]:
-    """Tag of an experiment that holds the view, as MLflow's pages keep those that people share.
+    """Tag of an experiment with a view on its runs, as MLflow's pages keep those that people share.
 
     A table with the success rates in front, the best first; charts of these, and of how the final models learned.
     """
-    shown = ("success_rate", "success_rate_high", "success_rate_low")
-    charts: list[dict[str, Any]] = [
-        {"type": "BAR", "metricKey": "success_rate"},
-        {"type": "PARALLEL", "selectedParams": ["condition", "seed"], "selectedMetrics": ["success_rate"]},
-        {"type": "LINE", "metricKey": "train/loss", "selectedMetricKeys": ["train/loss"], "xAxisKey": "step"},
-    ]
-    state = {
-        "searchFilter": "",
-        "orderByKey": "metrics.`success_rate`",
-        "orderByAsc": False,
-        "startTime": "ALL",
-        "lifecycleFilter": "Active",
-        "datasetsFilter": [],
-        "modelVersionFilter": "All Runs",
-        "selectedColumns": [f"metrics.`{name}`" for name in shown],
-        "columnOrder": [],
-        "columnWidths": {},
-        "runsExpanded": {},
-        "runsPinned": [],
-        "runsHidden": [],
-        "runsVisibilityMap": {},
-        "runsHiddenMode": "SHOW_ALL",
-        "compareRunCharts": [
-            {"uuid": f"juicer-{place}", "deleted": False, "isGenerated": False, "metricSectionId": "juicer", **chart}
-            for place, chart in enumerate(charts)
-        ],
-        "compareRunSections": [{"uuid": "juicer", "name": "Success", "display": True, "isReordered": True}],
-        "viewMaximized": False,
-        "runListHidden": False,
-        "isAccordionReordered": True,
-        "useGroupedValuesInCharts": True,
-        "hideEmptyCharts": True,
-        "groupBy": None,
-        "groupsExpanded": {},
-        "autoRefreshEnabled": True,
-        "globalLineChartConfig": {"xAxisKey": "step", "lineSmoothness": 0, "selectedXAxisMetricKey": ""},
-    }
-    return {f"mlflow.sharedViewState.{VIEW}": json.dumps(state)}
+    return {f"mlflow.sharedViewState.{VIEW}": Path(__file__).with_name("view.json").read_text(encoding="utf-8")}
 
 
 def outcome(evaluation: Manifest) -> dict[str, float]:

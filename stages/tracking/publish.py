@@ -7,9 +7,10 @@ data folder therefore changes nothing, and an empty MLflow is filled again. What
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -121,29 +122,28 @@ class Study:
 
     def show(self, models: Sequence[Model]) -> list[str]:
         """Show the models of one run of a flow; gives a sentence for each that cannot be shown."""
-        problems = []
+        problems: list[str] = []
         histories: dict[str, History] = {}
-        for model in models:
+
+        def attempt(label: str, action: Callable[[], None]) -> None:
             try:
-                histories[model.key] = read_history(self._store, ArtifactRef.parse(model.evaluation))
-                self._show_model(model, histories[model.key])
+                action()
             except Exception as error:
-                self._client.search_experiments(max_results=1)  # raises if it is not this model's fault
-                problems.append(f"MLflow does not show {model.label} of '{model.study}': {reason(error)}")
+                self._client.search_experiments(max_results=1)  # raises if MLflow is away
+                problems.append(f"MLflow does not show {label} of '{models[0].study}': {reason(error)}")
+
+        for model in models:
+            attempt(model.label, partial(self._show_model, model, histories))
         shown = [model for model in models if model.key in histories]
-        host = shown[0] if shown else None
         for condition in dict.fromkeys(model.condition for model in shown):
             same = [model for model in shown if model.condition == condition]
-            try:
-                self._show_condition(same, histories, host)
-            except Exception as error:
-                self._client.search_experiments(max_results=1)
-                problems.append(f"MLflow does not show {same[0].title} of '{same[0].study}': {reason(error)}")
-        if host:
-            self._describe(shown, host)
+            attempt(same[0].title, partial(self._show_condition, same, histories, shown[0]))
+        if shown:
+            attempt("the comparison", partial(self._describe, shown, shown[0]))
         return problems
 
-    def _show_model(self, model: Model, history: History) -> None:
+    def _show_model(self, model: Model, histories: dict[str, History]) -> None:
+        history = histories[model.key] = read_history(self._store, ArtifactRef.parse(model.evaluation))
         end = _time(history.evaluation)
         tags = {"condition": model.condition, "seed": str(model.seed)}
         run = self.open(model.key, model.label, tags, end - round(1000 * history.seconds))
@@ -172,7 +172,7 @@ class Study:
             tags["mlflow.source.git.commit"] = commit
         self._complete(run, model.evaluation, end, tags)
 
-    def _show_condition(self, models: Sequence[Model], histories: Mapping[str, History], host: Model | None) -> None:
+    def _show_condition(self, models: Sequence[Model], histories: Mapping[str, History], host: Model) -> None:
         first = models[0]
         end = max(_time(histories[model.key].evaluation) for model in models)
         start = min(run.info.start_time for model in models if (run := self.find(model.key)))
@@ -193,7 +193,7 @@ class Study:
         )
         self._client.log_text(run.info.run_id, page, "lineage.html")
         self._client.log_text(run.info.run_id, markdown_table([result]), "comparison.md")
-        if first.report and host and host.condition == first.condition:
+        if first.report and host.condition == first.condition:
             folder = self._store.open(ArtifactRef.parse(first.report), "report")
             self._client.log_artifacts(run.info.run_id, str(folder), "report")
         self._complete(run, state, end, {NOTE: f"{markdown_table([result])}\n{self._report_link(host)}"})
@@ -209,8 +209,8 @@ class Study:
             self._client.set_experiment_tag(self.experiment, key, value)
             self._tags = {**self._tags, key: value}
 
-    def _report_link(self, host: Model | None) -> str:
-        run = self.find(host.parent_key) if host and host.report else None
+    def _report_link(self, host: Model) -> str:
+        run = self.find(host.parent_key) if host.report else None
         return entries.report_link(self.experiment, run.info.run_id) if run else ""
 
     def _results(self, models: Sequence[Model]) -> list[ConditionResult]:
