@@ -100,7 +100,8 @@ class Recorder:
     def _round(self, is_last: bool) -> None:
         if not (self._is_due or is_last or not self._points.empty()):
             return
-        client = self._destination.initialise()
+        with self._destination.lock:
+            client = self._destination.connect()
         self._show_points(client)
         if self._is_due:
             self._publish(client)
@@ -141,9 +142,13 @@ class Recorder:
             points = waiting.setdefault(model.key, (model, []))[1]
             points += [Metric(name, value, round(1000 * moment), step) for name, value in metrics.items()]
         for model, points in waiting.values():
-            run = self._run_of(client, model)
-            for start in range(0, len(points), 1000):
-                client.log_batch(run, points[start : start + 1000])
+            try:
+                run = self._run_of(client, model)
+                for start in range(0, len(points), 1000):
+                    client.log_batch(run, points[start : start + 1000])
+            except Exception as error:
+                client.search_experiments(max_results=1)  # raises if MLflow is away
+                logger.debug("no curves of %s are shown", model.label, exc_info=error)
 
     def _run_of(self, client: MlflowClient, model: Model) -> str:
         """The run of a model that is being made; what an earlier process began is gone on with."""

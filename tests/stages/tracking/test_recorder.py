@@ -60,6 +60,7 @@ def test_a_server_that_is_away_costs_a_sentence_and_a_later_run_catches_up(desti
         is_shown, (warning,) = record(away, store, model, points=[(model, 10)])
         assert not is_shown
         assert warning.startswith(f"MLflow at '{uri}' cannot be used (")
+        assert warning.count("cannot be used") == 1
         assert warning.endswith("the run goes on, and a later one records what this one makes")
     assert record(destination, store, study.model(seed=1)) == (True, [])
     assert set(runs_of(destination)[1]) == {"BC", "BC, seed 0", "BC, seed 1"}
@@ -72,6 +73,21 @@ def test_another_destination_is_not_told(destination, store, study, data, empty_
     record(Destination.of(f"sqlite:///{other}", data / "tracking"), store, study.model(seed=4))
     record(destination, store, study.model())
     assert set(runs_of(destination)[1]) == {"BC", "BC, seed 0"}
+
+
+def test_a_deleted_run_or_experiment_keeps_nothing_else_from_being_shown(destination, store, study):
+    deleted, kept = study.model(seed=0), study.model(seed=1)
+    record(destination, store, deleted)
+    client, runs = runs_of(destination)
+    client.delete_run(runs["BC, seed 0"].info.run_id)
+    assert record(destination, store, kept, points=[(deleted, 10), (kept, 10)]) == (True, [])
+    assert set(runs_of(destination)[1]) == {"BC", "BC, seed 1"}
+    client.delete_experiment(client.get_experiment_by_name("study").experiment_id)
+    study.name = "other"
+    is_shown, (warning,) = record(destination, store, study.model(), points=[(deleted, 20)])
+    assert is_shown
+    assert "the experiment 'study' was deleted in MLflow" in warning
+    assert client.get_experiment_by_name("other") is not None
 
 
 KILLED = """
