@@ -1,6 +1,6 @@
 """The lineage of artifacts as a page that needs nothing beside itself: a drawing, and what each box of it stands for.
 
-Whoever shows it may allow neither other files nor links to other pages, as MLflow does; links within it work anywhere.
+Whoever shows it may allow neither other files nor links to other pages, as MLflow does.
 """
 
 from __future__ import annotations
@@ -26,7 +26,19 @@ a:hover .node rect, a:focus .node rect { fill: #fef3c7; }
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; margin-top: 16px; } th { text-align: left; }
 td, th { border-bottom: 1px solid #d9dfe5; padding: 4px 12px 4px 0; vertical-align: top; }
-td:first-child { white-space: nowrap; } tr:target { background: #fef3c7; } code { font-size: 12px; }
+td:first-child { white-space: nowrap; } tr.chosen { background: #fef3c7; } code { font-size: 12px; }
+"""
+# Where MLflow shows the page, the browser does not even follow links within it.
+_SCRIPT = """
+addEventListener("click", (event) => {
+  const link = event.target.closest("a");
+  if (!link) return;
+  event.preventDefault();
+  document.querySelector(".chosen")?.classList.remove("chosen");
+  const row = document.getElementById(link.getAttribute("href").slice(1));
+  row.classList.add("chosen");
+  row.scrollIntoView({ block: "center" });
+});
 """
 
 
@@ -54,7 +66,7 @@ def lineage_page(
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
         f"<h1>{escape(title)}</h1><p>Click a box for its facts; <code>juicer show ID</code> tells all.</p>"
         f'<div class="scroll">{lineage_graph(nodes, has_links=True)}</div>'
-        f"<table><tr><th>artifact<th>facts<th>made from</tr>{rows}</table></html>"
+        f"<table><tr><th>artifact<th>facts<th>made from</tr>{rows}</table><script>{_SCRIPT}</script></html>"
     )
 
 

@@ -25,7 +25,6 @@ from juicer.artifacts.store import ArtifactStore
 from juicer.errors import TrackingError
 from juicer.evaluation import ConditionResult
 from juicer.reporting.comparison import ReportRow, condition_results, markdown_table
-from juicer.reporting.lineage import read_lineage
 from juicer.reporting.lineage_page import lineage_page
 from juicer.storage.curves import read_curves
 from juicer.storage.tables import read_evaluation
@@ -156,12 +155,7 @@ class Study:
         identity = run.info.run_id
         rows = read_evaluation(self._store.open(history.evaluation.ref, "evaluation"))
         self._client.log_text(identity, entries.table(rows), "evaluation.json")
-        names = {
-            ref: f"{model.label} {prefix.replace('_', ' ').strip('/')}".strip()
-            for ref, prefix in history.rounds.items()
-            if ref.kind in ("checkpoint", "evaluation")
-        }
-        page = lineage_page(f"{model.label}: what it was made from", history.known, names)
+        page = lineage_page(f"{model.label}: what it was made from", history.known, _names(model, history))
         self._client.log_text(identity, page, "lineage.html")
         if history.checkpoint:
             self._log_checkpoint(run, model, history, history.checkpoint)
@@ -184,13 +178,13 @@ class Study:
         params = {key: value for key, value in first.params.items() if key.rpartition(".")[2] != "seed"}
         self._log_params(run, params)
         self._log_numbers(run, entries.rates(result), end)
+        known: dict[ArtifactRef, Manifest | None] = {}
+        names: dict[ArtifactRef, str] = {}
         for model in models:
             self._log_datasets(run, histories[model.key])
-        refs = {histories[model.key].evaluation.ref: model for model in models}
-        names = {ref: model.label for ref, model in refs.items()}
-        page = lineage_page(
-            f"{first.title}: what its models were made from", read_lineage(self._store, list(refs)), names
-        )
+            known |= histories[model.key].known
+            names |= _names(model, histories[model.key])
+        page = lineage_page(f"{first.title}: what its models were made from", known, names)
         self._client.log_text(run.info.run_id, page, "lineage.html")
         self._client.log_text(run.info.run_id, markdown_table([result]), "comparison.md")
         if first.report and host.condition == first.condition:
@@ -292,6 +286,15 @@ class Study:
 def _is_done(run: Run, state: str) -> bool:
     """Whether a run shows everything; nothing more is to be shown in one that was deleted."""
     return run.info.lifecycle_stage == LifecycleStage.DELETED or run.data.tags.get(COMPLETE) == state
+
+
+def _names(model: Model, history: History) -> dict[ArtifactRef, str]:
+    """What the models behind an evaluation, and itself, are called."""
+    return {
+        ref: f"{model.label} {prefix.replace('_', ' ').strip('/')}".strip()
+        for ref, prefix in history.rounds.items()
+        if ref.kind in ("checkpoint", "evaluation")
+    }
 
 
 def _facts(history: History) -> dict[str, float]:
