@@ -101,7 +101,7 @@ class Study:
             )
         # Without its kind, it opens as one about language models.
         tags = {"mlflow.experimentKind": "custom_model_development"}
-        location = (artifact_root / name).as_uri() if artifact_root else None
+        location = (artifact_root / name).as_uri() if artifact_root else _location(client, name)
         self.experiment: str = found.experiment_id if found else client.create_experiment(name, location, tags)
         self._tags: Mapping[str, str] = found.tags if found else {}
         self._runs = {run.data.tags[KEY]: run for run in self._search()}
@@ -281,6 +281,14 @@ class Study:
                 )
                 yield from page
                 token = page.token or None
+
+
+def _location(client: MlflowClient, name: str) -> str | None:
+    """Where files of an experiment go whose place was not given."""
+    if not client.tracking_uri.startswith("sqlite"):
+        return None
+    # MLflow would take the working directory.
+    return f"{client.get_experiment('0').artifact_location.rpartition('/')[0]}/{name}"
 
 
 def _is_done(run: Run, state: str) -> bool:

@@ -70,9 +70,13 @@ def test_another_destination_is_not_told(destination, store, study, data, empty_
     other = tmp_path / "other.db"
     other.write_bytes(empty_database.read_bytes())
     record(Destination.of("http://127.0.0.1:9", data / "tracking"), store, study.model(seed=3))
-    record(Destination.of(f"sqlite:///{other}", data / "tracking"), store, study.model(seed=4))
+    elsewhere = Destination.of(f"sqlite:///{other}", data / "tracking")
+    record(elsewhere, store, study.model(seed=4))
     record(destination, store, study.model())
     assert set(runs_of(destination)[1]) == {"BC", "BC, seed 0"}
+    # Its files go where the database says, not into the working directory.
+    place = runs_of(elsewhere)[1]["BC, seed 4"].info.artifact_uri
+    assert place.startswith(f"{empty_database.with_name('mlflow-files').as_uri()}/study/")
 
 
 def test_a_deleted_run_or_experiment_keeps_nothing_else_from_being_shown(destination, store, study):
