@@ -1,14 +1,16 @@
-"""Brings together what a run needs: the store, the progress lines, the records and their delivery."""
+"""Brings together what a run needs: the store, the progress lines, the records."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from urllib.parse import urlsplit
 
 from flows.config import RunConfig
 from flows.running.data_folder import open_store, sqlite_address
 from flows.running.plan import PlannedCall
+from flows.running.services import find_services
 from flows.running.settings import Settings
 from flows.running.tracking import Tracking
 from flows.terminal.progress import Board
@@ -16,9 +18,10 @@ from juicer.artifacts.recipe import Recipe
 from juicer.config import canonical_json
 from stages.runtime.execution import perform_here
 from stages.runtime.session import Performer, Session
-from stages.tracking.courier import Courier, Destination
+from stages.tracking.destination import Destination, runs_page
+from stages.tracking.recorder import Recorder
 
-DELIVERY_SECONDS = 60.0
+PUBLISHING_SECONDS = 60.0
 """How long the end of a run may wait for MLflow."""
 
 
@@ -45,7 +48,7 @@ def open_run(
     *,
     forced: frozenset[str] = frozenset(),
 ) -> Iterator[RunContext]:
-    """Everything a run needs, for the length of a block; what was recorded is delivered at its end.
+    """Everything a run needs, for the length of a block; MLflow is told of it meanwhile and at its end.
 
     Args:
         settings: Facts about this machine.
@@ -66,21 +69,21 @@ def open_run(
         if config is None or not settings.tracks:
             yield RunContext(session, board, None)
             return
-        place = destination(settings)
-        journals = place.folder(settings.folder / "tracking")
-        courier = Courier(journals, place, store, board.say)
-        tracking = Tracking(journals, config)
-        courier.start()
-        patience = 0.0  # an interrupt is not made to wait
+        recorder = Recorder(destination(settings), store, board.say)
+        recorder.start()
+        # An interrupt is not made to wait.
+        patience, status = 0.0, "KILLED"
         try:
-            yield RunContext(session, board, tracking)
-            patience = DELIVERY_SECONDS
+            yield RunContext(session, board, Tracking(recorder, config))
+            patience, status = PUBLISHING_SECONDS, "FINISHED"
         except Exception:
-            patience = DELIVERY_SECONDS
+            patience, status = PUBLISHING_SECONDS, "FAILED"
             raise
         finally:
-            if not courier.finish(patience) and patience:
-                board.say("MLflow has not taken all records yet; the next run delivers the rest")
+            if not recorder.finish(patience, status) and patience:
+                board.say("MLflow does not show everything yet; the next run, of whatever, sees to the rest")
+            if page := records_page(settings, recorder.experiments.get(config.name)):
+                board.say(f"MLflow shows it at {page}")
 
 
 def expect(context: RunContext, planned: list[PlannedCall]) -> None:
@@ -99,8 +102,22 @@ def _kind_of_work(recipe: Recipe) -> str:
     return f"{recipe.stage} {canonical_json(content)}"
 
 
+def records_page(settings: Settings, experiment: str | None) -> str:
+    """Address that opens on the runs of an experiment; empty if nobody serves MLflow's pages."""
+    services = find_services(settings.folder)
+    pages = settings.tracking_uri or (services.mlflow if services else "")
+    parts = urlsplit(pages)
+    if experiment is None or parts.scheme not in ("http", "https"):
+        return ""
+    # Without the credentials that an address may hold.
+    return runs_page(parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl(), experiment)
+
+
 def destination(settings: Settings) -> Destination:
     """Where the records go."""
+    folder = settings.folder / "tracking"
     if settings.tracking_uri:
-        return Destination(settings.tracking_uri)
-    return Destination(sqlite_address("sqlite", settings.folder / "mlflow.db"), settings.folder / "mlflow-files")
+        return Destination.of(settings.tracking_uri, folder)
+    # Named without the place of the data folder, which may be moved.
+    uri = sqlite_address("sqlite", settings.folder / "mlflow.db")
+    return Destination(uri, folder / "here", settings.folder / "mlflow-files")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import pwd
+import secrets
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -42,6 +43,20 @@ def prepare_folder(settings: Settings) -> None:
 def open_store(settings: Settings) -> ArtifactStore:
     """The artifact store of this process."""
     return ArtifactStore(settings.store_url, cache=settings.folder / "cache")
+
+
+def write_private(path: Path, text: str) -> None:
+    """Write a file that only its owner can read, whole or not at all."""
+    draft = path.with_name(f"{path.name}.{secrets.token_hex(4)}.draft")
+    create_private(draft, text)
+    draft.replace(path)
+
+
+def create_private(path: Path, text: str) -> None:
+    """Write a file that only its owner can read, and that was not there before."""
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, PRIVATE)
+    with os.fdopen(descriptor, "w") as file:
+        file.write(text)
 
 
 def sqlite_address(driver: str, path: Path) -> str:

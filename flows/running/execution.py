@@ -20,7 +20,6 @@ from juicer.reporting.comparison import ReportRow, condition_results
 from stages.report import ReportConfig, report
 from stages.runtime.context import Record
 from stages.runtime.session import Session
-from stages.tracking.journal import FAILED, FINISHED, KILLED
 
 POLL_SECONDS = 0.2
 
@@ -77,22 +76,13 @@ class RunOutcome:
 
 
 def execute(session: Session, config: RunConfig, tracking: Tracking | None) -> RunOutcome:
-    """Run every model, write the report, and close the records."""
-    status = KILLED
-    try:
-        models = run_models(session, config, tracking)
-        outcome = RunOutcome(tuple(models), None)
-        outcome = replace(outcome, report=write_report(session, config, outcome, tracking))
-        if tracking:
-            tracking.conclude(outcome.results(session.store))
-        status = FINISHED
-        return outcome
-    except Exception:
-        status = FAILED
-        raise
-    finally:
-        if tracking:
-            tracking.close(status)
+    """Run every model, write the report, and have both recorded."""
+    models = run_models(session, config, tracking)
+    outcome = RunOutcome(tuple(models), None)
+    page = write_report(session, config, outcome)
+    if tracking:
+        tracking.conclude(page)
+    return replace(outcome, report=page)
 
 
 def run_models(
@@ -122,7 +112,7 @@ def _chain(
     def chain() -> ModelOutcome:
         outcome = run_model(session, config, condition, seed)
         if tracking:
-            tracking.finish(condition, seed)
+            tracking.finish(outcome)
         return outcome
 
     return chain
@@ -146,7 +136,7 @@ def _rows(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tupl
     )
 
 
-def write_report(session: Session, config: RunConfig, outcome: RunOutcome, tracking: Tracking | None) -> ArtifactRef:
+def write_report(session: Session, config: RunConfig, outcome: RunOutcome) -> ArtifactRef:
     """Make the page about the models."""
     evaluations, rows = _rows(outcome.models)
     report_config = ReportConfig(
@@ -158,8 +148,7 @@ def write_report(session: Session, config: RunConfig, outcome: RunOutcome, track
         configuration=config.model_dump(mode="json"),
         links=_links(),
     )
-    scope = session.for_model("", tracking.whole() if tracking else session.record)
-    return report(scope, evaluations=evaluations, config=report_config)
+    return report(session.for_model("", session.record), evaluations=evaluations, config=report_config)
 
 
 def _facts(config: RunConfig) -> Mapping[str, str]:

@@ -61,7 +61,7 @@ def plan(store: ArtifactStore, config: RunConfig) -> list[PlannedCall]:
     session = Session(store, performer=perform)
     models = run_models(session, config, parallel=False)
     if all(planned[model.evaluation.id].exists for model in models):
-        write_report(session, config, RunOutcome(tuple(models), None), None)
+        write_report(session, config, RunOutcome(tuple(models), None))
     return list(planned.values())
 
 
@@ -76,7 +76,7 @@ def is_complete(store: ArtifactStore, config: RunConfig) -> bool:
     session = Session(store, performer=perform)
     try:
         models = run_models(session, config, parallel=False)
-        write_report(session, config, RunOutcome(tuple(models), None), None)
+        write_report(session, config, RunOutcome(tuple(models), None))
     except _MissingError:
         return False
     return True

@@ -27,7 +27,7 @@ class Settings(BaseSettings):
     """Where things lie and how much of the machine may be used; each field is ``JUICER_<FIELD>``.
 
     Attributes:
-        data: Local folder for the databases, the services' addresses and undelivered tracking records.
+        data: Local folder for the databases, the services' addresses and notes of what MLflow shall show.
         store: Artifact store, a folder or an fsspec URL such as ``s3://bucket/juicer``; ``data`` if empty.
         tracking_uri: MLflow tracking address; a SQLite file in ``data`` if empty, ``none`` to track nothing.
         workers: Stages that run at the same time.

@@ -6,9 +6,9 @@ import logging
 import os
 
 from flows.running.data_folder import prepare_folder, sqlite_address
+from flows.running.services import find_services
 from flows.running.settings import Settings
 from flows.servers.addresses import check_address, check_reachable, is_answering
-from flows.servers.announcement import find_services
 from flows.servers.guard import Credentials
 from flows.servers.secret import credentials_of
 

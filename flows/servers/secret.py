@@ -6,7 +6,7 @@ import os
 import secrets
 from pathlib import Path
 
-from flows.running.data_folder import PRIVATE
+from flows.running.data_folder import create_private
 from flows.servers.guard import Credentials
 from juicer.errors import ConfigError, ServiceUnavailable
 from juicer.reading import read_bounded
@@ -48,26 +48,13 @@ def credentials_of(folder: Path) -> Credentials:
     return Credentials(USER, password)
 
 
-def write_private(path: Path, text: str) -> None:
-    """Write a file that only its owner can read, whole or not at all."""
-    draft = path.with_name(f"{path.name}.{secrets.token_hex(4)}.draft")
-    _create_plain(draft, text)
-    draft.replace(path)
-
-
 def _create(path: Path, password: str) -> None:
     """Make the file unless another process has; whichever comes first, all read the same."""
     draft = path.with_name(f"{path.name}.{secrets.token_hex(4)}.draft")
-    _create_plain(draft, password + "\n")
+    create_private(draft, password + "\n")
     try:
         path.hardlink_to(draft)
     except FileExistsError:
         pass
     finally:
         draft.unlink()
-
-
-def _create_plain(path: Path, text: str) -> None:
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, PRIVATE)
-    with os.fdopen(descriptor, "w") as file:
-        file.write(text)

@@ -10,11 +10,11 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from flows.running.context import destination
-from flows.running.data_folder import prepare_folder
+from flows.running.data_folder import prepare_folder, write_private
 from flows.running.flow_runs import mark_crashed
+from flows.running.services import Services, announced, find_services, only_one
 from flows.running.settings import Settings, read_settings
 from flows.servers.addresses import listen
-from flows.servers.announcement import Services, announced, find_services, only_one
 from flows.servers.environment import (
     API_VARIABLE,
     DATABASE_VARIABLE,
@@ -26,10 +26,10 @@ from flows.servers.environment import (
 from flows.servers.guard import Credentials
 from flows.servers.process import POLL_SECONDS, ServerProcess, await_health, title
 from flows.servers.program import MLFLOW_PASSWORD, MLFLOW_USER, NAMES_VARIABLE, PREFECT_PASSWORD
-from flows.servers.secret import SECRET_FILE, credentials_of, write_private
+from flows.servers.secret import SECRET_FILE, credentials_of
 from flows.terminal.output import say, say_json
 from juicer.errors import ConfigError, ServiceUnavailable
-from stages.tracking.courier import Destination, initialise
+from stages.tracking.destination import Destination, newest_study, runs_page
 
 PREFECT_PORT = 4200
 MLFLOW_PORT = 5000
@@ -61,7 +61,7 @@ def serve_pages(prefect_port: int | None, mlflow_port: int | None, as_json: bool
             say("starting Prefect's and MLflow's servers ...")
         os.environ.update(quiet_environment(settings) | {NAMES_VARIABLE: settings.allowed_hosts})
         # The lock that runs hold, too, when they make the database.
-        initialise(place.folder(settings.folder / "tracking"), place)
+        study = newest_study(place.initialise())
         logs = settings.folder / "logs-of-servers"
         logs.mkdir(exist_ok=True)
         variables = (_prefect_variables(settings, credentials), _mlflow_variables(settings, place, credentials))
@@ -78,7 +78,7 @@ def serve_pages(prefect_port: int | None, mlflow_port: int | None, as_json: bool
         stack.enter_context(announced(settings.folder, services))
         stack.enter_context(_environment_file(settings.folder, services, credentials))
         with suppress(KeyboardInterrupt):
-            _say(settings.folder, services, credentials, as_json)
+            _say(settings.folder, services, credentials, runs_page(services.mlflow, study), as_json)
             _watch(servers)
 
 
@@ -142,7 +142,7 @@ def _environment_file(folder: Path, services: Services, credentials: Credentials
         path.unlink(missing_ok=True)
 
 
-def _say(folder: Path, services: Services, credentials: Credentials, as_json: bool) -> None:
+def _say(folder: Path, services: Services, credentials: Credentials, records: str, as_json: bool) -> None:
     environment = folder / ENVIRONMENT_FILE
     if as_json:
         say_json(
@@ -156,6 +156,6 @@ def _say(folder: Path, services: Services, credentials: Credentials, as_json: bo
         )
         return
     say(f"Prefect  {services.prefect}   password {auth_string(credentials)}")
-    say(f"MLflow   {services.mlflow}/#/experiments   user {credentials.user}, password {credentials.password}")
+    say(f"MLflow   {records}   user {credentials.user}, password {credentials.password}")
     say(f"shell    source {shlex.quote(str(environment))}   for the commands `prefect` and `mlflow`")
     say("flows that start now are shown there; Ctrl-C ends both")

@@ -51,12 +51,13 @@ class _Layout:
         return f"{x:.1f} {y:.1f}"
 
 
-def lineage_graph(nodes: Sequence[LineageNode], *, is_vertical: bool = False) -> str:
+def lineage_graph(nodes: Sequence[LineageNode], *, is_vertical: bool = False, has_links: bool = False) -> str:
     """Inline SVG of the graph; parents that are not among the nodes are left out.
 
     Args:
         nodes: In any order.
         is_vertical: Whether ancestors stand above their results instead of left of them, for narrow pages.
+        has_links: Whether a box leads to what the page around it says of its artifact, at the anchor of its id.
 
     Returns:
         The drawing, or nothing if there are no nodes.
@@ -68,6 +69,8 @@ def lineage_graph(nodes: Sequence[LineageNode], *, is_vertical: bool = False) ->
     layout = _lay_out(parents, is_vertical)
     edges = [_edge(child, parent, layout) for child in known for parent in parents[child]]
     boxes = [_box(node, layout) for node in nodes]
+    if has_links:
+        boxes = [f'<a href="#{escape(node.id)}">{box}</a>' for node, box in zip(nodes, boxes, strict=True)]
     width, height = (layout.breadth, layout.length) if is_vertical else (layout.length, layout.breadth)
     return (
         f'<svg class="lineage" role="img" aria-label="Artifacts and their parents" '

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from juicer.artifacts.draft import Draft
-from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progress
 from stages.runtime.machine import Machine
@@ -55,10 +54,6 @@ class Record(Protocol):
         """Where the curves of a stage go while it runs."""
         ...
 
-    def made(self, ref: ArtifactRef, stage: str) -> None:
-        """An artifact of the experiment is there, made now or before."""
-        ...
-
     def for_round(self, turn: int) -> Record:
         """The record of one turn of collect, select, train."""
         ...
@@ -81,9 +76,6 @@ class NoRecord:
     def metrics(self, stage: str) -> MetricSink:
         """Drop the curves."""
         return NullMetricSink()
-
-    def made(self, ref: ArtifactRef, stage: str) -> None:
-        """Forget the artifact."""
 
     def for_round(self, turn: int) -> NoRecord:
         """Nothing is kept of any turn."""

@@ -97,6 +97,5 @@ def finish(call: StageCall, session: Session, finished: Finished) -> Finished:
     manifest = session.store.manifest(finished.ref)
     state = "reused" if finished.reused else "done"
     session.display.finished(call.stage.name, session.label, state, manifest.summary)
-    session.record.made(finished.ref, call.stage.name)
     logger.info("%s: %s %s %s", call.stage.name, state, finished.ref, manifest.summary.get(HEADLINE, ""))
     return finished

@@ -1,1 +1,1 @@
-"""What an experiment consisted of, told to MLflow: written to local journals first, delivered from there."""
+"""What MLflow shows, computed from artifacts: it can be made again at any time, and nothing is read back from it."""

@@ -132,7 +132,7 @@ class Diary:
     """Display and record that remember what they were told."""
 
     def __init__(self):
-        self.states, self.progress, self.curves, self.refs = [], [], [], []
+        self.states, self.progress, self.curves = [], [], []
 
     def started(self, stage, label):
         return lambda done, total, **facts: self.progress.append((done, total, facts))
@@ -145,9 +145,6 @@ class Diary:
 
     def log(self, metrics, step):
         self.curves.append((step, metrics))
-
-    def made(self, ref, stage):
-        self.refs.append(ref)
 
     def for_round(self, turn):
         return self

@@ -9,11 +9,11 @@ import sys
 import time
 
 import pytest
-
-from juicer.artifacts.ref import ArtifactRef
 from stages.tracking.courier import Courier, Destination, initialise
 from stages.tracking.journal import END, MADE, METRICS, RESUMED, RUN, DeliveryState, Journal
 from stages.tracking.record import ModelRecord, RunDescription, RunRecord
+
+from juicer.artifacts.ref import ArtifactRef
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 

@@ -9,11 +9,13 @@ from pathlib import Path
 import pytest
 
 from flows.config import StudyConfig, load_runs
+from flows.loop import ModelOutcome
 from flows.running import execution
 from flows.running.execution import RunOutcome, execute, run_models
 from flows.running.plan import is_complete, plan
 from flows.running.tracking import Tracking
 from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Outcome
 from juicer.errors import TrainingFailed
@@ -22,11 +24,11 @@ from juicer.storage.evaluations import EvaluationRow, write_evaluation
 from stages.evaluate import facts
 from stages.runtime.context import StageInterrupted
 from stages.runtime.session import Session
-from stages.tracking.journal import END, MADE, RESULT, journals
 
 STUDY = StudyConfig(name="study", conditions=("bc", "ci"), seeds=(0,))
 
 
+CHECKPOINT, EVALUATION = ArtifactRef("checkpoint", "0" * 16), ArtifactRef("evaluation", "1" * 16)
 NOTHING = "no successful rollout to retrain on: none of 4"
 
 
@@ -53,7 +55,6 @@ class Stub:
                 if not draft.adopted:
                     write_evaluation(draft.path, rows)
                     draft.summary |= facts(rows, ("screwed",))
-        session.record.made(call.recipe.ref, call.stage.name)
         return call.recipe.ref
 
 
@@ -122,35 +123,58 @@ def test_interrupt_reaches_the_stages(store):
         run_models(session, STUDY)
 
 
-def test_records_hold_a_run_a_condition_and_a_run_a_model(store, tmp_path):
-    stub = Stub(store)
-    tracking = Tracking(tmp_path / "tracking", STUDY)
-    execute(Session(store, performer=stub), STUDY, tracking)
-    found = {}
-    for journal in journals(tmp_path / "tracking"):
-        entries = [entry.content for entry in journal.entries()]
-        found[entries[0]["name"]] = entries
-    assert set(found) == {"BC", "CI", "bc seed 0", "ci seed 0"}
-    assert found["ci seed 0"][0]["tags"]["juicer.model"] == "one_leg.ci"
-    assert all(entries[-1]["event"] == END for entries in found.values())
-    assert {entry["status"] for entries in found.values() for entry in entries if entry["event"] == END} == {"FINISHED"}
-    (result,) = [entry for entry in found["CI"] if entry["event"] == RESULT]
-    assert result["metrics"]["success_rate"] == 1.0
-    assert "| CI |" in result["table"]
-    made = {entry["stage"] for entry in found["CI"] if entry["event"] == MADE}
-    assert {"ingest", "select", "report"} <= made
+class Noting:
+    """Recorder that keeps what it is told."""
+
+    def __init__(self):
+        self.noted, self.logged = {}, []
+
+    def note(self, model):
+        self.noted[model.label] = model
+
+    def log(self, model, metrics, step):
+        self.logged.append((model.label, metrics, step))
 
 
-def test_models_that_finished_are_recorded_as_finished_when_another_fails(store, tmp_path):
-    stub = Stub(store, {("collect", "ci seed 0 round 1"): TrainingFailed("odd")})
-    tracking = Tracking(tmp_path / "tracking", STUDY)
+def test_finished_models_are_noted_with_what_no_artifact_says(store):
+    noting = Noting()
+    outcome = execute(Session(store, performer=Stub(store)), STUDY, Tracking(noting, STUDY))
+    assert set(noting.noted) == {"BC, seed 0", "CI, seed 0"}
+    model = noting.noted["CI, seed 0"]
+    assert (model.study, model.condition, model.task) == ("study", "ci", "one_leg")
+    assert model.evaluation == str(outcome.models[1].evaluation)
+    assert model.report == str(outcome.report)
+    assert model.params["evaluate.episodes"] == STUDY.evaluate.episodes
+
+
+def test_models_that_finished_are_noted_when_another_fails(store):
+    stub, noting = Stub(store, {("collect", "ci seed 0 round 1"): TrainingFailed("odd")}), Noting()
     with pytest.raises(TrainingFailed):
-        execute(Session(store, performer=stub), STUDY, tracking)
-    ends = {}
-    for journal in journals(tmp_path / "tracking"):
-        entries = [entry.content for entry in journal.entries()]
-        ends[entries[0]["name"]] = entries[-1]["status"]
-    assert ends == {"BC": "FINISHED", "bc seed 0": "FINISHED", "CI": "FAILED", "ci seed 0": "FAILED"}
+        execute(Session(store, performer=stub), STUDY, Tracking(noting, STUDY))
+    assert list(noting.noted) == ["BC, seed 0"]
+
+
+def test_curves_of_the_final_model_have_the_same_names_whatever_the_condition():
+    noting = Noting()
+    tracking = Tracking(noting, STUDY)
+    retrained = tracking.model("ci", 0)
+    for record in (tracking.model("bc", 0), retrained, retrained.for_round(1)):
+        record.metrics("train").log({"train/loss": 1.0}, 10)
+    assert [list(metrics) for _, metrics, _ in noting.logged] == [
+        ["train/loss"],
+        ["round_1/train/loss"],
+        ["train/loss"],
+    ]
+
+
+def test_other_configuration_is_another_run_in_mlflow():
+    longer = STUDY.model_copy(update={"rounds": 2})
+    keys = set()
+    for config in (STUDY, longer):
+        noting = Noting()
+        Tracking(noting, config).finish(ModelOutcome("bc", "BC", 0, CHECKPOINT, EVALUATION))
+        keys |= {model.key for model in noting.noted.values()}
+    assert len(keys) == 2
 
 
 def test_outcome_for_machines_names_everything(store):
@@ -183,7 +207,7 @@ def test_a_report_holds_the_configuration_that_makes_it_again(store, tmp_path, n
             return stub(call, session)
 
         models = tuple(run_models(Session(store, performer=Stub(store)), config, parallel=False))
-        execution.write_report(Session(store, performer=perform), config, RunOutcome(models, None), None)
+        execution.write_report(Session(store, performer=perform), config, RunOutcome(models, None))
         (call,) = performed
         path = tmp_path / "again.yaml"
         path.write_text(configuration_text(call.recipe.config["configuration"]))

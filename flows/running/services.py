@@ -11,8 +11,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from flows.running.data_folder import PRIVATE
-from flows.servers.secret import write_private
+from flows.running.data_folder import PRIVATE, write_private
 from juicer.reading import read_bounded
 
 SERVICES_FILE = ".services.json"

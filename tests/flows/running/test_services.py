@@ -11,16 +11,16 @@ import sys
 
 import pytest
 
+from flows.running.services import SERVICES_FILE, Services, announced, find_services, only_one
 from flows.running.settings import Settings
 from flows.servers.addresses import check_reachable, is_answering, listen, port_of
-from flows.servers.announcement import SERVICES_FILE, Services, announced, find_services, only_one
 from flows.servers.environment import API_VARIABLE, DATABASE_VARIABLE, PASSWORD_VARIABLE, prepare_environment
 from juicer.errors import ConfigError, ServiceUnavailable
 
 SERVICES = Services(prefect="http://127.0.0.1:9", mlflow="http://127.0.0.1:10")
 KILLED = """
 import os, pathlib, signal, sys
-from flows.servers.announcement import Services, announced, only_one
+from flows.running.services import Services, announced, only_one
 folder = pathlib.Path(sys.argv[1])
 with only_one(folder), announced(folder, Services("http://127.0.0.1:9", "http://127.0.0.1:10")):
     os.kill(os.getpid(), signal.SIGKILL)

@@ -1,0 +1,102 @@
+"""What a model was made from, round by round, read from manifests."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from juicer.artifacts.manifest import Manifest
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.reporting.lineage import checkpoint_of, read_lineage
+
+Known = Mapping[ArtifactRef, Manifest | None]
+
+
+@dataclass(frozen=True)
+class History:
+    """An evaluated model and everything behind it.
+
+    Attributes:
+        evaluation: How it did.
+        checkpoint: The model, the last of its line; none if it is lost.
+        known: Manifests of everything behind the evaluation, and of itself; parents first, none where one is lost.
+        rounds: Where the facts of each belong: nowhere special for the final model and its data, below ``round_1/`` for
+            the first model and what that made, and so on.
+    """
+
+    evaluation: Manifest
+    checkpoint: ArtifactRef | None
+    known: Known
+    rounds: Mapping[ArtifactRef, str]
+
+    @property
+    def seconds(self) -> float:
+        """What the model itself took, without the data that others use too."""
+        return sum(
+            manifest.seconds
+            for ref, manifest in self.known.items()
+            if manifest and (ref.kind in ("checkpoint", "evaluation", "selection") or _maker(self.known, ref))
+        )
+
+
+def read_history(store: ArtifactStore, evaluation: ArtifactRef) -> History:
+    """Follow the parents of an evaluation.
+
+    Raises:
+        ArtifactError: If the evaluation is not there, or damaged.
+    """
+    manifest = store.manifest(evaluation)
+    known = read_lineage(store, [evaluation])
+    final = checkpoint_of(manifest)
+    data = {ref: _data(known, ref) for ref in known if ref.kind == "checkpoint"}
+    prefixes = _prefixes(known, data, final)
+    rounds = {evaluation: ""}
+    for model in sorted(data, key=lambda ref: ref != final):
+        for ref in (model, *data[model]):
+            rounds.setdefault(ref, prefixes[model])
+    for ref in known:
+        # What a model made belongs to its round, and so does what was chosen of it.
+        if ref.kind != "evaluation" and (maker := _maker(known, ref)):
+            rounds[ref] = prefixes[maker]
+        elif ref.kind == "selection" and (parents := _parents(known, ref)):
+            rounds[ref] = rounds[parents[0]]
+    return History(manifest, final, known, rounds)
+
+
+def _prefixes(
+    known: Known, data: Mapping[ArtifactRef, list[ArtifactRef]], final: ArtifactRef | None
+) -> dict[ArtifactRef, str]:
+    """Names of the rounds by model: one that learned from two selections is the model of round 3."""
+    turns = {ref: 1 + sum(each.kind == "selection" for each in data[ref]) for ref in data if ref != final}
+    alike = Counter(turns.values())
+    prefixes = {ref: "" for ref in data}
+    for ref, turn in turns.items():
+        manifest = known[ref]
+        # Models of several tasks are predecessors of one: each task has its own.
+        tasks = "_".join(manifest.summary.get("tasks", ())) if manifest and alike[turn] > 1 else ""
+        prefixes[ref] = f"round_{turn}/{tasks}/" if tasks else f"round_{turn}/"
+    return prefixes
+
+
+def _data(known: Known, model: ArtifactRef) -> list[ArtifactRef]:
+    """Everything that a model learned from, as far as the models that made some of it."""
+    found: dict[ArtifactRef, None] = {}
+    waiting = list(_parents(known, model))
+    while waiting:
+        ref = waiting.pop()
+        if ref.kind != "checkpoint" and ref not in found:
+            found[ref] = None
+            waiting += _parents(known, ref)
+    return list(found)
+
+
+def _maker(known: Known, ref: ArtifactRef) -> ArtifactRef | None:
+    """The model that acted where an artifact was made."""
+    return next((parent for parent in _parents(known, ref) if parent.kind == "checkpoint"), None)
+
+
+def _parents(known: Known, ref: ArtifactRef) -> tuple[ArtifactRef, ...]:
+    manifest = known[ref]
+    return manifest.recipe.parents if manifest else ()

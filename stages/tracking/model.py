@@ -1,0 +1,88 @@
+"""Models that MLflow shall show: a small note each in the data folder, of what no artifact says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ValidationError
+
+from juicer.artifacts.ref import ArtifactRef
+from juicer.config import StrictConfig
+from juicer.errors import ArtifactNotFound
+from juicer.reading import read_bounded
+
+SUFFIX = ".model.json"
+MOST_BYTES = 2**20
+_WORD = r"^[A-Za-z0-9][A-Za-z0-9_.+-]*$"
+
+
+class Model(StrictConfig):
+    """A trained and evaluated model, and which part of which study it is.
+
+    Attributes:
+        study: Name of the study; MLflow's experiment is called so.
+        identity: What the models of a run share: a hash of its configuration and of the code behind it.
+        condition: Key of its condition.
+        title: Condition as people write it.
+        seed: Its seed.
+        task: Assembly task.
+        params: Configuration, flat.
+        evaluation: ``kind/id`` of its evaluation; empty while it is made.
+        report: The same of the page about all models of the run.
+        finding: Why it learned from less than it should, as a sentence.
+    """
+
+    study: str = Field(pattern=_WORD, max_length=100)
+    identity: str = Field(pattern=r"^[0-9a-f]{16}$")
+    condition: str = Field(pattern=_WORD, max_length=100)
+    title: str = Field(max_length=200)
+    seed: int = Field(ge=0)
+    task: str
+    params: dict[str, Any]
+    evaluation: str = ""
+    report: str = ""
+    finding: str = ""
+
+    @property
+    def label(self) -> str:
+        """Name of its run in MLflow."""
+        return f"{self.title}, seed {self.seed}"
+
+    @property
+    def parent_key(self) -> str:
+        """What the models of a condition share."""
+        return f"{self.identity}-{self.condition}"
+
+    @property
+    def key(self) -> str:
+        """What it is found by, in the data folder and in MLflow."""
+        return f"{self.parent_key}-{self.seed}"
+
+    def note(self, folder: Path) -> None:
+        """Have it published from now on, by this process or a later one."""
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f"{self.key}{SUFFIX}"
+        draft = path.with_suffix(".draft")
+        draft.write_text(self.model_dump_json(), encoding="utf-8")
+        draft.replace(path)
+
+
+def noted(folder: Path) -> Iterator[Model]:
+    """Every model that shall be published, oldest first; a file that is something else is overlooked."""
+    for path in sorted(folder.glob(f"*{SUFFIX}"), key=_age):
+        try:
+            model = Model.model_validate_json(read_bounded(path, MOST_BYTES))
+            refs = [ArtifactRef.parse(ref) for ref in (model.evaluation, model.report) if ref]
+        except (OSError, ValidationError, RecursionError, ArtifactNotFound):
+            continue
+        if refs:
+            yield model
+
+
+def _age(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0

@@ -1,0 +1,265 @@
+"""MLflow shows what artifacts tell, once, and never stands in the way."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.storage.curves import read_curves
+from stages.tracking.destination import newest_study, runs_page
+from stages.tracking.model import noted
+from stages.tracking.publish import COMPLETE, publish
+
+ROOT = Path(__file__).parents[3]
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+
+def runs_of(client, study="study", view=1):
+    experiment = client.get_experiment_by_name(study)
+    return {run.info.run_name: run for run in client.search_runs([experiment.experiment_id], run_view_type=view)}
+
+
+def show(destination, store, models):
+    client = destination.connect()
+    published = publish(client, store, models, destination.artifact_root)
+    assert published.problems == []
+    return client
+
+
+def counts(client, name, metric="train/loss"):
+    return len(client.get_metric_history(runs_of(client)[name].info.run_id, metric))
+
+
+def test_success_has_one_name_for_every_condition_over_five_seeds(destination, store, study):
+    client = show(destination, store, study.models())
+    runs = runs_of(client)
+    labels = [f"{title}, seed {seed}" for title in ("BC", "TA+CI") for seed in range(5)]
+    assert set(runs) == {"BC", "TA+CI", *labels}
+    for label in labels:
+        metrics = runs[label].data.metrics
+        assert metrics["success_rate_low"] < metrics["success_rate"] < metrics["success_rate_high"]
+        assert metrics["episodes"] == 100
+    average = sum(runs[f"TA+CI, seed {seed}"].data.metrics["success_rate"] for seed in range(5)) / 5
+    assert runs["TA+CI"].data.metrics["success_rate"] == pytest.approx(average)
+    assert runs["TA+CI"].data.metrics["models"] == 5
+    assert runs["TA+CI, seed 3"].data.tags["mlflow.parentRunId"] == runs["TA+CI"].info.run_id
+    assert {run.info.status for run in runs.values()} == {"FINISHED"}
+
+
+def test_rounds_before_the_final_model_stand_below_their_number(destination, store, study):
+    client = show(destination, store, study.models(range(1)))
+    runs = runs_of(client)
+    metrics = runs["TA+CI, seed 0"].data.metrics
+    assert metrics["round_1/collect/success_rate"] == 0.4
+    assert metrics["round_1/select/kept"] == 50
+    assert {"train/loss", "round_1/train/loss", "train/steps", "round_1/train/steps"} <= set(metrics)
+    assert metrics["augment/snippets"] == 150
+    assert not [name for name in runs["BC, seed 0"].data.metrics if name.startswith("round_")]
+
+
+def test_publishing_again_changes_nothing(destination, store, study):
+    models = study.models(range(2))
+    client = show(destination, store, models)
+    before = {name: run.to_dictionary() for name, run in runs_of(client).items()}
+    show(destination, store, models)
+    assert {name: run.to_dictionary() for name, run in runs_of(client).items()} == before
+    assert counts(client, "BC, seed 0") == 49
+    assert len(client.search_model_versions("name = 'study.bc'")) == 2
+
+
+def test_what_a_kill_left_half_done_is_completed(destination, store, study):
+    (model,) = [study.model()]
+    client = show(destination, store, [model])
+    run = runs_of(client)["BC, seed 0"].info.run_id
+    client.delete_tag(run, COMPLETE)
+    points = len(read_curves(store.open(ArtifactRef.parse(checkpoint_of(store, model))))["train/loss"][0])
+    show(destination, store, [model])
+    assert counts(client, "BC, seed 0") == points
+    assert len(client.search_model_versions("name = 'study.bc'")) == 1
+    assert runs_of(client)["BC, seed 0"].data.tags[COMPLETE] == model.evaluation
+
+
+def checkpoint_of(store, model):
+    return str(store.manifest(ArtifactRef.parse(model.evaluation)).recipe.inputs["checkpoint"][0])
+
+
+def test_what_was_deleted_in_mlflow_stays_so_and_keeps_nothing_else_from_being_shown(destination, store, study):
+    client = show(destination, store, [study.model(seed=0)])
+    client.delete_run(runs_of(client)["BC, seed 0"].info.run_id)
+    show(destination, store, [study.model(seed=0), study.model(seed=1)])
+    assert set(runs_of(client)) == {"BC", "BC, seed 1"}
+    experiment = client.get_experiment_by_name("study").experiment_id
+    client.delete_experiment(experiment)
+    study.name = "other"
+    old, new = study.model(seed=0).model_copy(update={"study": "study"}), study.model(seed=1)
+    published = publish(client, store, [old, new], destination.artifact_root)
+    assert published.problems == [
+        "the experiment 'study' was deleted in MLflow, so nothing is recorded in it; bring it back with "
+        f"`mlflow experiments restore -x {experiment}`, or give the study another name"
+    ]
+    assert set(runs_of(client, "other")) == {"BC", "BC, seed 1"}
+
+
+def test_a_removed_database_is_filled_again(destination, store, study, data, empty_database):
+    models = study.models(range(1))
+    before = set(runs_of(show(destination, store, models)))
+    shutil.copyfile(empty_database, data / "mlflow.db")
+    assert set(runs_of(show(destination, store, models))) == before
+
+
+def test_a_lost_artifact_concerns_its_own_model_only(destination, store, study):
+    lost, kept = study.model(seed=0), study.model(seed=1)
+    shutil.rmtree(store.open(ArtifactRef.parse(lost.evaluation)))
+    client = destination.connect()
+    published = publish(client, store, [lost, kept], destination.artifact_root)
+    (problem,) = published.problems
+    assert problem.startswith("MLflow does not show BC, seed 0 of 'study': ")
+    assert set(runs_of(client)) == {"BC", "BC, seed 1"}
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", "null", '{"study": 7}', '{"nonsense": 1}', "[" * 10_000])
+def test_notes_that_are_nonsense_are_overlooked(tmp_path, store, study, content):
+    study.model().note(tmp_path)
+    (tmp_path / "0-bc-0.model.json").write_text(content)
+    (tmp_path / "folder.model.json").mkdir()
+    assert [model.label for model in noted(tmp_path)] == ["BC, seed 0"]
+
+
+PUBLISHING = """
+import sys
+from pathlib import Path
+from juicer.artifacts.store import ArtifactStore
+from stages.tracking.destination import Destination
+from stages.tracking.destination import newest_study, runs_page
+from stages.tracking.model import noted
+from stages.tracking.publish import publish
+data = Path(sys.argv[1])
+place = Destination(f"sqlite:///{data / 'mlflow.db'}", data / "tracking" / "here", data / "mlflow-files")
+client = place.initialise()
+assert publish(client, ArtifactStore(data), noted(place.folder), place.artifact_root).problems == []
+experiment = client.get_experiment_by_name("study")
+for run in client.search_runs([experiment.experiment_id]):
+    print(run.info.run_name, len(client.list_artifacts(run.info.run_id, "model")))
+"""
+
+
+def publish_elsewhere(data):
+    """In a process of its own: MLflow remembers for the rest of a process where the files of a run are."""
+    done = subprocess.run(
+        [sys.executable, "-c", PUBLISHING, str(data)], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return sorted(done.stdout.splitlines())
+
+
+def test_a_copied_data_folder_delivers_nothing_twice_and_writes_nothing_to_the_old_place(tmp_path, data, study):
+    notes = data / "tracking" / "here"
+    study.store = ArtifactStore(data)
+    for model in study.models(range(1)):
+        model.note(notes)
+    shown = ["BC 0", "BC, seed 0 5", "TA+CI 0", "TA+CI, seed 0 5"]
+    assert publish_elsewhere(data) == shown
+    copy = tmp_path / "copy"
+    shutil.move(data, copy)
+    study.store = ArtifactStore(copy)
+    study.model(seed=7).note(copy / "tracking" / "here")
+    assert publish_elsewhere(copy) == sorted([*shown, "BC, seed 7 5"])
+    assert not data.exists()
+
+
+def test_the_address_that_is_printed_opens_a_view_with_success_in_front(destination, store, study):
+    assert runs_page("http://127.0.0.1:5000", newest_study(destination.connect())).endswith("/#/experiments")
+    client = show(destination, store, [study.model()])
+    experiment = client.get_experiment_by_name("study")
+    page = runs_page("http://127.0.0.1:5000/", newest_study(client))
+    view = page.rpartition("=")[2]
+    assert page == f"http://127.0.0.1:5000/#/experiments/{experiment.experiment_id}/runs?viewStateShareKey={view}"
+    state = json.loads(experiment.tags[f"mlflow.sharedViewState.{view}"])
+    assert (state["orderByKey"], state["orderByAsc"]) == ("metrics.`success_rate`", False)
+    assert state["selectedColumns"][0] == "metrics.`success_rate`"
+    assert "**BC " in experiment.tags["mlflow.note.content"]
+
+
+def test_durations_are_what_the_stages_of_the_model_took(destination, store, study):
+    client = show(destination, store, [study.model()])
+    run = runs_of(client)["BC, seed 0"]
+    evaluation = store.manifest(ArtifactRef.parse(study.model().evaluation))
+    trained = store.manifest(ArtifactRef.parse(checkpoint_of(store, study.model())))
+    assert run.info.end_time - run.info.start_time == round(1000 * (evaluation.seconds + trained.seconds))
+
+
+def test_datasets_have_the_digests_of_artifacts_and_parents_show_them_too(destination, store, study):
+    runs = runs_of(show(destination, store, study.models(range(1))))
+    for name in ("TA+CI", "TA+CI, seed 0"):
+        shown = {entry.dataset.digest for entry in runs[name].inputs.dataset_inputs}
+        assert study.episodes().id in shown
+        assert len(shown) == 6
+
+
+def test_lineage_is_a_page_that_needs_no_other_and_the_report_is_linked(destination, store, study):
+    client = show(destination, store, study.models(range(1)))
+    runs = runs_of(client)
+    folder = destination.artifact_root / "study"
+    page = (folder / runs["TA+CI, seed 0"].info.run_id / "artifacts" / "lineage.html").read_text()
+    assert "<style>" in page
+    assert "TA+CI, seed 0" in page
+    assert f'<a href="#{study.episodes()}">' in page
+    host = runs["BC"].info.run_id
+    assert (folder / host / "artifacts" / "report" / "report.html").is_file()
+    note = client.get_experiment_by_name("study").tags["mlflow.note.content"]
+    assert f"/runs/{host}/artifacts/report/report.html" in note
+    assert "| TA+CI |" in note
+
+
+def test_a_note_that_somebody_changed_is_kept(destination, store, study):
+    client = show(destination, store, [study.model()])
+    experiment = client.get_experiment_by_name("study").experiment_id
+    client.set_experiment_tag(experiment, "mlflow.note.content", "my own words")
+    show(destination, store, [study.model(), study.model(seed=1)])
+    assert client.get_experiment(experiment).tags["mlflow.note.content"] == "my own words"
+
+
+LOADING = """
+import sys, pickle, numpy as np, pandas as pd, mlflow
+def refuse(*_, **__): raise AssertionError("something was unpickled")
+class Refusing(pickle.Unpickler):
+    load = refuse
+pickle.load, pickle.loads, pickle.Unpickler = refuse, refuse, Refusing
+mlflow.set_tracking_uri(sys.argv[1])
+rows = {"proprioception": np.zeros((2, 16), "float32"), "part_poses": np.tile([0, 0, 0, 1, 0, 0, 0], (2, 2))}
+rows["proprioception"][:, 3:9] = (1, 0, 0, 0, 1, 0)
+frame = pd.DataFrame({name: list(values) for name, values in rows.items()})
+for given in (rows, frame):
+    policy = mlflow.pyfunc.load_model(sys.argv[2])
+    print(policy.predict(given).shape, float(policy.predict(given).sum()))
+"""
+
+
+def test_a_registered_version_is_told_from_others_and_loads_without_unpickling(destination, store, study, tmp_path):
+    client = show(destination, store, study.models(range(3)))
+    versions = {each.tags["seed"]: each for each in client.search_model_versions("name = 'study.ta_ci'")}
+    assert set(versions) == {"0", "1", "2"}
+    rates = {seed: float(each.tags["success_rate"]) for seed, each in versions.items()}
+    best = client.get_model_version_by_alias("study.ta_ci", "best")
+    assert float(best.tags["success_rate"]) == max(rates.values())
+    assert client.get_model_version_by_alias("study.ta_ci", "last").version == max(v.version for v in versions.values())
+    assert best.tags["study"] == "study"
+    assert best.tags["condition"] == "ta_ci"
+    files = [file.path for file in client.list_artifacts(best.run_id, "model")]
+    names = ("MLmodel", "curves.json", "manifest.json", "policy.json", "weights.safetensors")
+    assert sorted(files) == [f"model/{name}" for name in names]
+    command = [sys.executable, "-c", LOADING, destination.uri, "models:/study.ta_ci@best"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0] == lines[1]
+    assert lines[0].startswith("(2, ")
+    assert json.loads(lines[0].split(") ")[1]) != 0
