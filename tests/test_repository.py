@@ -21,7 +21,7 @@ from juicer import __version__
 
 ROOT = Path(__file__).parents[1]
 GITHUB = ROOT / ".github"
-OWN = {"juicer", "stages", "flows", "benchmarks", "tests"}
+OWN = {"juicer", "stages", "flows", "benchmarks", "tests", "_typeshed"}
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 # MoviePy, of the extra "video", wants an older Pillow than the tested one.
 LOCKED_EXTRAS = ("dev", "s3", "postgres")
@@ -51,7 +51,7 @@ def imported_modules(path: Path) -> Iterator[str]:
 @pytest.mark.parametrize(
     ("folders", "extras"),
     [
-        (("juicer", "stages", "flows"), ()),
+        (("juicer", "stages", "flows"), ("dask", "ray")),
         (("tests", "benchmarks", "docker", "scripts"), ("dev",)),
     ],
     ids=["source", "tests"],

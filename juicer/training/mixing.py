@@ -14,6 +14,7 @@ from juicer.errors import ArtifactError, NothingLeft
 from juicer.storage.dataset import DatasetRow
 from juicer.tasks.task_name import TaskName
 
+MOST_TASKS = 1000
 MOST_WEIGHT = 1e6
 SYNTHETIC = (Source.AUGMENTATION, Source.ROLLOUT)
 """Sources of what no operator has done."""
@@ -25,7 +26,9 @@ class DatasetConfig(StrictConfig):
     sources: tuple[Source, ...] | None = Field(
         default=None, min_length=1, max_length=len(Source), description="teleop, augmentation, rollout; all if empty"
     )
-    tasks: tuple[TaskName, ...] | None = Field(default=None, min_length=1, description="assembly tasks; all if empty")
+    tasks: tuple[TaskName, ...] | None = Field(
+        default=None, min_length=1, max_length=MOST_TASKS, description="assembly tasks; all if empty"
+    )
     weights: dict[Source, float] = Field(
         default={}, description="by source, how often a step is learned from as compared with others; 1 if left out"
     )

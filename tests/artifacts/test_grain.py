@@ -234,7 +234,7 @@ def loop(task: str) -> dict[str, Recipe]:
     )
     made["retrain"] = train(session, dataset=made["mix"], config=TrainConfig(seed=1))
     made["evaluate"] = evaluate(session, checkpoint=made["retrain"], config=EvaluateConfig(**start))
-    rows = (ReportRow(condition="TA+CI", seed=0),)
+    rows = (ReportRow(condition="ta_ci", title="TA+CI", seed=0),)
     made["report"] = report(
         session, evaluations=(made["evaluate"],), config=ReportConfig(title="All", task=task, rows=rows)
     )

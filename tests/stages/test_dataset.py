@@ -114,6 +114,8 @@ def test_a_dataset_names_all_that_it_is_made_of(session, demonstrations, rollout
         "families": 4,
         "tasks": ["one_leg"],
         "sources": {"teleop": 3, "rollout": 1},
+        "headline": "episodes 4, steps 42",
+        "label": "4 episodes",
     }
     assert [row.episodes for row in rows_of(session, ref)] == [demonstrations.id] * 3 + [rollouts.id]
 

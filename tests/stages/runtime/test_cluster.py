@@ -23,13 +23,13 @@ def execute(order, stop=None):
 
 
 def test_what_travels_is_small_and_holds_no_session(toys, session):
-    order = Order(toys.write.prepare(config=toys.ToyConfig()), session, toys.open_store)
+    order = Order(toys.write.prepare(session, config=toys.ToyConfig()), session, toys.open_store)
     assert len(pickle.dumps(order)) < 20_000
     assert "stage" not in vars(pickle.loads(pickle.dumps(order)).call)
 
 
 def test_a_worker_makes_the_artifact_in_the_store_of_the_run(toys, session, store):
-    call = toys.write.prepare(config=toys.ToyConfig(words=3))
+    call = toys.write.prepare(session, config=toys.ToyConfig(words=3))
     made = execute(travelled(toys, session, call))
     assert (made.ref, made.reused) == (call.recipe.ref, False)
     assert store.manifest(made.ref).summary["words"] == 3
@@ -39,7 +39,7 @@ def test_a_worker_makes_the_artifact_in_the_store_of_the_run(toys, session, stor
 def test_a_stage_that_is_forced_here_is_forced_there(toys, session, store):
     ref = toys.write(session, config=toys.ToyConfig())
     before = store.manifest(ref)
-    call = toys.write.prepare(config=toys.ToyConfig())
+    call = toys.write.prepare(session, config=toys.ToyConfig())
     assert execute(travelled(toys, session, call)).reused
     forced = replace(session, forced=frozenset({"write"}), fresh=set())
     assert not execute(travelled(toys, forced, call)).reused
@@ -47,7 +47,7 @@ def test_a_stage_that_is_forced_here_is_forced_there(toys, session, store):
 
 
 def test_a_worker_with_other_code_refuses(toys, session, store):
-    call = toys.write.prepare(config=toys.ToyConfig())
+    call = toys.write.prepare(session, config=toys.ToyConfig())
     call.recipe.modules["toys.simple"] = "of yesterday"
     with pytest.raises(ForeignCode, match=r"stage 'write' would run other code"):
         execute(travelled(toys, session, call))
@@ -55,7 +55,7 @@ def test_a_worker_with_other_code_refuses(toys, session, store):
 
 
 def test_an_error_comes_back_even_if_it_cannot_be_pickled(toys, session):
-    call = toys.crash.prepare(config=toys.ToyConfig())
+    call = toys.crash.prepare(session, config=toys.ToyConfig())
     with pytest.raises(RuntimeError, match=r"(?s)ValueError\('odd'\).*In the process of stage 'crash'") as caught:
         execute(travelled(toys, session, call))
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
@@ -65,5 +65,5 @@ def test_a_worker_that_is_told_to_stop_leaves_nothing(toys, session, store):
     stop = threading.Event()
     threading.Timer(0.5, stop.set).start()
     with pytest.raises(StageInterrupted):
-        execute(travelled(toys, session, toys.dawdle.prepare(config=toys.ToyConfig())), stop)
+        execute(travelled(toys, session, toys.dawdle.prepare(session, config=toys.ToyConfig())), stop)
     assert store.refs() == []
