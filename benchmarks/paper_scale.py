@@ -1,14 +1,15 @@
 """The paper's policy on one device: how fast it trains and acts there, and what it occupies.
 
-Records a few demonstrations of one_leg, trains the preset `paper`'s diffusion policy on them for some steps and evaluates
-the checkpoint, all through the stages that `juicer run` calls. On a machine with a GPU:
+Records demonstrations of one_leg, trains the preset `paper`'s diffusion policy on them for some steps and evaluates the
+checkpoint, all through the stages that `juicer run` calls. On a machine with a GPU:
 
-    python -m benchmarks.paper_scale --device cuda [--steps 300] [--demonstrations 6]
+    python -m benchmarks.paper_scale --device cuda [--steps 300] [--demonstrations 6] [--episodes 8] [--max-steps 80]
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import tempfile
 import time
 from collections.abc import Mapping
@@ -55,6 +56,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=300)
     parser.add_argument("--demonstrations", type=int, default=6)
     parser.add_argument("--episodes", type=int, default=8)
+    parser.add_argument("--max-steps", type=int, default=80)
     arguments = parser.parse_args()
     (config,) = parse_runs({"base": "paper", "condition": "bc"}, "the preset")
     config = config.policies["diffusion"]
@@ -67,7 +69,7 @@ def main() -> None:
             ArtifactStore(Path(folder)),
             perform_here,
             record=clock,
-            machine=Machine(workers=2, num_envs=arguments.episodes, devices=(arguments.device,)),
+            machine=Machine(os.cpu_count() or 1, num_envs=min(arguments.episodes, 32), devices=(arguments.device,)),
         )
         logs = record(session, config=RecordConfig(**TASK, demonstrations=arguments.demonstrations))
         demonstrations = ingest(session, logs=logs, config=IngestionConfig(task="one_leg"))
@@ -75,11 +77,10 @@ def main() -> None:
         checkpoint = train(session, dataset=mixed, config=config.model_copy(update={"training": training}))
         memory = torch.cuda.max_memory_allocated() / 2**30 if arguments.device != "cpu" else 0.0
         begun = time.perf_counter()
-        evaluation = evaluate(
-            session, checkpoint=checkpoint, config=EvaluateConfig(**TASK, episodes=arguments.episodes, max_steps=80)
-        )
+        scope = EvaluateConfig(**TASK, episodes=arguments.episodes, max_steps=arguments.max_steps)
+        evaluation = evaluate(session, checkpoint=checkpoint, config=scope)
         acted = time.perf_counter() - begun
-        summary = session.store.manifest(checkpoint).summary
+        summary, found = (session.store.manifest(ref).summary for ref in (checkpoint, evaluation))
         losses = [entry for entry in clock.reports if "train/loss" in entry[2]]
         (first, first_time, begin), (last, last_time, end) = losses[1], losses[-1]
         rows = {
@@ -88,7 +89,7 @@ def main() -> None:
             "training steps/s": f"{(last - first) / (last_time - first_time):.1f}",
             "loss": f"{begin['train/loss']:.4f} at step {first}, {end['train/loss']:.4f} at step {last}",
             "GPU memory at most": f"{memory:.2f} GiB",
-            "evaluation": f"{session.store.manifest(evaluation).summary['episodes']} episodes of 80 steps, {acted:.1f} s",
+            "success": f"{found['successes']} of {found['episodes']} episodes, {acted:.1f} s",
         }
     for name, value in rows.items():
         print(f"{name:20} {value}")
