@@ -30,7 +30,9 @@ class DatasetConfig(StrictConfig):
         default=None, min_length=1, max_length=MOST_TASKS, description="assembly tasks; all if empty"
     )
     weights: dict[Source, float] = Field(
-        default={}, description="by source, how often a step is learned from as compared with others; 1 if left out"
+        default={},
+        max_length=len(Source),
+        description="by source, how often a step is learned from as compared with others; 1 if left out",
     )
     synthetic_share: float | None = Field(
         default=None,

@@ -6,7 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from flows.servers.secret import SECRET_FILE, credentials_of, new_credentials, write_private
+from flows.running.data_folder import write_private
+from flows.servers.secret import SECRET_FILE, credentials_of, new_credentials
 from juicer.errors import ConfigError, ServiceUnavailable
 
 

@@ -10,11 +10,13 @@ import torch
 from juicer.artifacts.recipe import Recipe
 from juicer.episode import Outcome
 from juicer.policy.checkpoint import Checkpoint, CheckpointMetadata, save_checkpoint
-from juicer.policy.config import DiffusionConfig, FeatureSpec, MLPDenoiserConfig, PairSpec, PolicyConfig
+from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
+from juicer.policy.denoisers.mlp.config import MLPDenoiserConfig
+from juicer.policy.heads.diffusion.config import DiffusionConfig
 from juicer.policy.network import build_policy
 from juicer.seeding import stream
 from juicer.storage.curves import CURVES_FILE
-from juicer.storage.tables import EvaluationRow, write_evaluation
+from juicer.storage.evaluations import EvaluationRow, write_evaluation
 from stages.evaluate import facts
 from stages.tracking.destination import Destination
 from stages.tracking.model import Model
@@ -55,6 +57,8 @@ class FakeStudy:
             (folder / CURVES_FILE).write_text(json.dumps({"train/loss": points}))
 
         inputs = {"episodes": tuple(episodes), "selections": tuple(selections)}
+        mixed = self.put("dataset", "dataset", inputs=inputs, episodes=50)
+        inputs = {"dataset": (mixed,)}
         return self.put("train", "checkpoint", fill, {"seed": seed}, inputs=inputs, tasks=["one_leg"], steps=500)
 
     def model(self, condition="bc", seed=0, episodes_evaluated=100):
@@ -76,7 +80,7 @@ class FakeStudy:
                 success_rate=0.4,
             )
             kept = self.put("select", "selection", inputs={"episodes": (rollouts,)}, kept=50)
-            checkpoint = self.train(condition, seed, episodes, [kept])
+            checkpoint = self.train(condition, seed, [*episodes, rollouts], [kept])
         draws = stream(seed, condition).random(episodes_evaluated) < RATES[condition]
         rows = [
             EvaluationRow(index, 3_000_000 + index, Outcome.SUCCESS if success else Outcome.TIMEOUT, int(success), 423)

@@ -201,7 +201,7 @@ def test_datasets_have_the_digests_of_artifacts_and_parents_show_them_too(destin
     for name in ("TA+CI", "TA+CI, seed 0"):
         shown = {entry.dataset.digest for entry in runs[name].inputs.dataset_inputs}
         assert study.episodes().id in shown
-        assert len(shown) == 6
+        assert len(shown) == 8
 
 
 def test_lineage_is_a_page_that_needs_no_other_and_the_report_is_linked(destination, store, study):
