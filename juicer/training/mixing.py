@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from typing import Annotated
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from juicer.config import StrictConfig
 from juicer.episode import EpisodeRecord, Source
@@ -16,6 +17,7 @@ from juicer.tasks.task_name import TaskName
 
 MOST_TASKS = 1000
 MOST_WEIGHT = 1e6
+Weight = Annotated[float, Field(ge=1 / MOST_WEIGHT, le=MOST_WEIGHT)]
 SYNTHETIC = (Source.AUGMENTATION, Source.ROLLOUT)
 """Sources of what no operator has done."""
 
@@ -29,10 +31,11 @@ class DatasetConfig(StrictConfig):
     tasks: tuple[TaskName, ...] | None = Field(
         default=None, min_length=1, max_length=MOST_TASKS, description="assembly tasks; all if empty"
     )
-    weights: dict[Source, float] = Field(
+    weights: dict[Source, Weight] = Field(
         default={},
         max_length=len(Source),
-        description="by source, how often a step is learned from as compared with others; 1 if left out",
+        description="by source, how often a step is learned from as compared with others; 1 if left out. "
+        "To leave a source out, leave it out of sources",
     )
     synthetic_share: float | None = Field(
         default=None,
@@ -41,17 +44,6 @@ class DatasetConfig(StrictConfig):
         description="share of corrective episodes and rollouts among the steps of a batch, reached by weights; "
         "if empty, their share among the steps that there are",
     )
-
-    @field_validator("weights")
-    @classmethod
-    def _are_sensible(cls, weights: dict[Source, float]) -> dict[Source, float]:
-        for source, weight in weights.items():
-            if not 1 / MOST_WEIGHT <= weight <= MOST_WEIGHT:
-                raise ValueError(
-                    f"the weight of {source} must be between {1 / MOST_WEIGHT:g} and {MOST_WEIGHT:g}, got {weight:g}; "
-                    "to leave a source out, leave it out of sources"
-                )
-        return weights
 
 
 @dataclass(frozen=True)
