@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from juicer.tasks.specification import Vector
+Row = tuple[float, float, float]
+"""Of a rotation matrix."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class BaseHandling:
     height_m: float | None
     rim_m: float
     end_effector_yaw_rad: float
-    straight: tuple[Vector, Vector, Vector]
+    straight: tuple[Row, Row, Row]
     symmetry_rad: float
 
 
