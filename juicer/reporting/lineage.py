@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
 from juicer.artifacts.lineage import parents_first
-from juicer.artifacts.manifest import LABEL, Manifest
+from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ArtifactError
@@ -41,13 +41,8 @@ def known_parents(manifests: Manifests, ref: ArtifactRef) -> tuple[ArtifactRef, 
 def nodes_of(manifests: Manifests, names: Mapping[ArtifactRef, str]) -> Iterator[LineageNode]:
     """Artifacts as nodes of a graph, called by their names, or if they have none by what they hold."""
     for ref, manifest in manifests.items():
-        label = names.get(ref) or (label_of(manifest) if manifest else "no longer there")
+        label = names.get(ref) or (manifest.label if manifest else "no longer there")
         yield LineageNode(str(ref), ref.kind, label, tuple(map(str, known_parents(manifests, ref))))
-
-
-def label_of(manifest: Manifest) -> str:
-    """What an artifact is, in a few words."""
-    return str(manifest.summary.get(LABEL, manifest.recipe.stage))
 
 
 def checkpoint_of(evaluation: Manifest) -> ArtifactRef | None:
