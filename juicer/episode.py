@@ -77,7 +77,7 @@ class ArraySpec:
     def __post_init__(self) -> None:
         """Check what may come from a file."""
         if not _NAME.fullmatch(self.name):
-            raise ValueError(f"{self.name!r} is no name of an array")
+            raise ValueError(f"{self.name!r} cannot be the name of an array")
         if not all(size is None or size > 0 for size in self.shape):
             raise ValueError(f"array '{self.name}' cannot have the shape {self.shape}")
         try:

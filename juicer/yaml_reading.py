@@ -252,7 +252,7 @@ def _check_key(key: Any, where: str) -> None:
     if not isinstance(key, str):
         raise UnreadableYaml(f"{where}a key must be a word, got {printable(repr(key))}")
     if len(key) > LONGEST_KEY or printable(key) != key:
-        raise UnreadableYaml(f"{where}'{printable(key, 40)}' is no key: it is too long, or holds control characters")
+        raise UnreadableYaml(f"{where}'{printable(key, 40)}' cannot be a key: too long, or with control characters")
 
 
 def _refuse_tag(event: yaml.ScalarEvent | yaml.CollectionStartEvent) -> None:

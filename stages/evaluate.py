@@ -38,7 +38,6 @@ class EvaluateConfig(RolloutConfig, EvaluateSection):
     kind="evaluation",
     inputs={"checkpoint": "checkpoint"},
     libraries=("mujoco", "numpy", "torch", "zarr"),
-    shows_as="result",
 )
 def evaluate(context: StageContext, *, checkpoint: ArtifactRef, config: EvaluateConfig) -> None:
     """Measure a policy's success rate, with its interval and the milestones of every episode."""

@@ -17,7 +17,7 @@ class MemoriseConfig(StrictConfig):
     """Nothing to choose: the demonstrations say themselves what they are of."""
 
 
-@stage(kind="checkpoint", inputs={"episodes": "episodes"}, libraries=("numpy",), shows_as="model")
+@stage(kind="checkpoint", inputs={"episodes": "episodes"}, libraries=("numpy",))
 def memorise(context: StageContext, *, episodes: ArtifactRef, config: MemoriseConfig) -> None:
     """Keep the demonstrations' actions as a policy that plays them open loop."""
     reader = EpisodeReader(context.store.open(episodes, "episodes"))

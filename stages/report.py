@@ -56,7 +56,6 @@ class ReportConfig(StrictConfig):
     inputs={"evaluations": "evaluation"},
     libraries=("matplotlib",),
     headline=("episodes",),
-    shows_as="page",
 )
 def report(context: StageContext, *, evaluations: tuple[ArtifactRef, ...], config: ReportConfig) -> None:
     """Write the page about evaluated models, and videos of a success and a failure."""

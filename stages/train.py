@@ -41,7 +41,6 @@ class TrainConfig(StrictConfig):
     noun="steps",
     counts="steps",
     headline=("steps", "train/loss", "validation/position_error_mm"),
-    shows_as="model",
     needs="device",
 )
 def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -> None:

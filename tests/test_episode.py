@@ -106,7 +106,7 @@ def test_a_schema_reads_back():
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ([ENTRY | {"name": "../etc"}], "is no name of an array"),
+        ([ENTRY | {"name": "../etc"}], "cannot be the name of an array"),
         ([ENTRY | {"dtype": "O"}], "cannot hold 'O'"),
         ([ENTRY | {"dtype": "float99"}], "cannot hold 'float99'"),
         ([ENTRY | {"shape": [-1]}], "cannot have the shape"),

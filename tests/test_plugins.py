@@ -113,7 +113,7 @@ def test_a_task_from_outside_is_offered_wherever_tasks_are(environment) -> None:
     ("source", "sentence"),
     [
         ("import nothing_of_the_kind", "ModuleNotFoundError: No module named 'nothing_of_the_kind'"),
-        ("TASK = 3", "it is no AssemblyTask but int"),
+        ("TASK = 3", "it is not an AssemblyTask but of type int"),
         ("from juicer.tasks.lamp import TASK", "it calls itself 'lamp'"),
         (
             "from dataclasses import replace\nfrom juicer.tasks.lamp import TASK\n"

@@ -15,9 +15,9 @@ from flows.terminal.headline import headline
 from flows.terminal.output import bytes_text, say, say_json, say_table
 from juicer.artifacts.findings import Listing
 from juicer.artifacts.manifest import Manifest
-from juicer.artifacts.ref import KINDS, ArtifactRef
+from juicer.artifacts.ref import ArtifactRef, require_kind
 from juicer.artifacts.store import ArtifactStore, in_order
-from juicer.errors import ArtifactNotFound, ConfigError, DamagedArtifact, UnreadableArtifact, did_you_mean
+from juicer.errors import ArtifactNotFound, DamagedArtifact, UnreadableArtifact
 from juicer.text import printable
 from stages.runtime.given_files import UNREADABLE
 
@@ -28,8 +28,8 @@ _BRANCH, _LAST, _PIPE, _SPACE = "├─ ", "└─ ", "│  ", "   "
 
 def list_kind(kind: str | None, as_json: bool) -> None:
     """``juicer ls``; fails after the list if it could not be complete."""
-    if kind is not None and kind not in KINDS:
-        raise ConfigError(f"unknown kind of artifact '{printable(kind)}'{did_you_mean(kind, KINDS)}")
+    if kind is not None:
+        require_kind(kind)
     store = open_store(read_settings())
     manifests, troubles = _manifests(store, kind)
     if as_json:

@@ -54,7 +54,7 @@ def only_one(folder: Path) -> Iterator[bool]:
 
 
 @contextmanager
-def announced(folder: Path, services: Services) -> Iterator[None]:
+def announce(folder: Path, services: Services) -> Iterator[None]:
     """Tell flows about servers for the length of a block, within that of :func:`only_one`."""
     path = folder / SERVICES_FILE
     write_private(path, json.dumps(asdict(services)) + "\n")

@@ -12,7 +12,7 @@ from pathlib import Path
 from flows.running.context import destination
 from flows.running.data_folder import prepare_folder, write_private
 from flows.running.flow_runs import mark_crashed
-from flows.running.services import Services, announced, find_services, only_one
+from flows.running.services import Services, announce, find_services, only_one
 from flows.running.settings import Settings, read_settings
 from flows.servers.addresses import listen
 from flows.servers.environment import (
@@ -75,7 +75,7 @@ def serve_pages(prefect_port: int | None, mlflow_port: int | None, as_json: bool
         await_health(servers, settings.startup_seconds)
         services = Services(*(server.url for server in servers))
         mark_crashed(settings.folder, services.prefect_api, auth_string(credentials))
-        stack.enter_context(announced(settings.folder, services))
+        stack.enter_context(announce(settings.folder, services))
         stack.enter_context(_environment_file(settings.folder, services, credentials))
         with suppress(KeyboardInterrupt):
             _say(settings.folder, services, credentials, runs_page(services.mlflow, study), as_json)

@@ -30,7 +30,7 @@ def annotate(
         config: How to propose.
         labels: What a human said. For a recording and critical state they name, nothing is proposed.
         num_workers: Threads, each with an environment of its own; one a processor if None.
-        progress: Told of every demonstration.
+        progress: Called for every demonstration.
 
     Yields:
         Annotations in the order of episodes, then of critical states.

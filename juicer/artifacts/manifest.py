@@ -96,6 +96,16 @@ class Manifest:
         return str(self.summary.get(FINDING, ""))
 
     @property
+    def headline(self) -> str:
+        """What is worth saying of the artifact on one line; earlier versions wrote a finding at most."""
+        return str(self.summary.get(HEADLINE, self.finding))
+
+    @property
+    def label(self) -> str:
+        """What the artifact is, in a few words."""
+        return str(self.summary.get(LABEL, self.recipe.stage))
+
+    @property
     def content(self) -> str:
         """16 hexadecimal digits that differ between artifacts with different files."""
         lines = "\n".join(f"{entry.sha256} {entry.path}" for entry in self.files)

@@ -50,7 +50,7 @@ class Recipe:
     def __post_init__(self) -> None:
         """Bring equal content to equal form, so that a recipe equals its own JSON read back."""
         if self.kind not in KINDS:
-            raise ValueError(f"'{self.kind}' is no kind of artifact{did_you_mean(self.kind, KINDS)}")
+            raise ValueError(f"'{self.kind}' is not a kind of artifact{did_you_mean(self.kind, KINDS)}")
         object.__setattr__(self, "config", json.loads(canonical_json(self.config)))
         object.__setattr__(self, "tasks", json.loads(canonical_json(self.tasks)))
         object.__setattr__(self, "plugins", tuple(self.plugins))

@@ -6,7 +6,8 @@ import re
 from dataclasses import dataclass
 
 from juicer.announced import announced
-from juicer.errors import ArtifactNotFound, did_you_mean
+from juicer.errors import ArtifactNotFound, ConfigError, did_you_mean
+from juicer.text import printable
 
 _OURS = ("logs", "episodes", "columns", "annotations", "selection", "dataset", "checkpoint", "evaluation", "report")
 _WORD = re.compile(r"[a-z][a-z0-9_]{0,39}")
@@ -15,6 +16,16 @@ KINDS = (*_OURS, *(name for name in announced("juicer.kinds") if _WORD.fullmatch
 
 ID_LENGTH = 16
 _ID = re.compile(rf"[0-9a-f]{{{ID_LENGTH}}}")
+
+
+def require_kind(kind: str) -> None:
+    """Refuse what is not a kind of artifact.
+
+    Raises:
+        ConfigError: If it is none.
+    """
+    if kind not in KINDS:
+        raise ConfigError(f"unknown kind of artifact '{printable(kind)}'{did_you_mean(str(kind), KINDS)}")
 
 
 def is_id(name: str) -> bool:

@@ -15,6 +15,7 @@ from juicer.artifacts.backend import Backend, read_manifest
 from juicer.artifacts.draft import Draft
 from juicer.artifacts.findings import Finding, Listing, Nature, TroubleError
 from juicer.artifacts.integrity import describe_files
+from juicer.artifacts.lineage import parents_first
 from juicer.artifacts.local import LocalBackend
 from juicer.artifacts.manifest import Manifest, describe_host, plain
 from juicer.artifacts.recipe import Recipe
@@ -242,20 +243,11 @@ class ArtifactStore:
             ArtifactNotFound: If there is no such artifact.
             DamagedArtifact: If a manifest on the way is missing or altered.
         """
-        order: dict[ArtifactRef, None] = {}
-        # Each with those of its parents that are still to be visited; a chain may be longer than Python's stack.
-        path = [(ref, iter(self.manifest(ref).recipe.parents))]
-        while path:
-            child, parents = path[-1]
-            parent = next(parents, None)
-            if parent is None:
-                path.pop()
-                order[child] = None
-            elif parent not in order:
-                known = self.manifest(parent).recipe.parents if self.exists(parent) else ()
-                path.append((parent, iter(known)))
-        del order[ref]
-        return [*order]
+
+        def parents_of(each: ArtifactRef) -> Sequence[ArtifactRef]:
+            return self.manifest(each).recipe.parents if each == ref or self.exists(each) else ()
+
+        return parents_first([ref], parents_of)[:-1]
 
     def address(self, ref: ArtifactRef) -> str:
         """Where an artifact is, or would be, for people."""

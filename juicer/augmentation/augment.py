@@ -93,7 +93,7 @@ def augment(
         config: What to make.
         seed: Root of all draws.
         num_workers: Threads, each with an environment of its own; one a processor if None.
-        progress: Told of every attempt: snippets so far of those wanted.
+        progress: Called after every attempt: snippets so far of those wanted.
 
     Yields:
         What became of each attempt; nothing if no critical state of a successful demonstration is trusted.

@@ -139,7 +139,7 @@ def _plain(value: Any) -> Any:
 
 
 def _refuse_constant(name: str) -> NoReturn:
-    raise RejectedLog(f"the header holds {name}, which is no number")
+    raise RejectedLog(f"the header holds {name}, which is not a number")
 
 
 def _parse_int(digits: str) -> int:

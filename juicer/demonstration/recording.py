@@ -119,7 +119,7 @@ def record_demonstrations(
         operator_of: Makes the operator of a recording.
         successes: Successful demonstrations wanted.
         workers: Environments that run side by side.
-        progress: Told of every success.
+        progress: Called for every success.
 
     Returns:
         The number of successes, fewer than wanted if the seeds did not suffice.

@@ -9,9 +9,9 @@ from difflib import get_close_matches
 from typing import Any
 
 from juicer.artifacts.manifest import Manifest
-from juicer.artifacts.ref import KINDS, ArtifactRef, is_id
+from juicer.artifacts.ref import KINDS, ArtifactRef, is_id, require_kind
 from juicer.artifacts.store import ArtifactStore
-from juicer.errors import ArtifactError, ArtifactNotFound, ConfigError, WrongArtifactKind, did_you_mean
+from juicer.errors import ArtifactError, ArtifactNotFound, ConfigError, WrongArtifactKind
 from juicer.reporting.lineage import checkpoint_of
 from juicer.sim.arguments import shown
 from juicer.text import printable
@@ -93,8 +93,7 @@ def find(store: ArtifactStore, text: str, *kinds: str) -> ArtifactRef:
     if not isinstance(text, str):
         raise ConfigError(f"an artifact is named by a text, its id or a model's name, not by {shown(text)}")
     for kind in kinds:
-        if kind not in KINDS:
-            raise ConfigError(f"unknown kind of artifact '{printable(kind)}'{did_you_mean(str(kind), KINDS)}")
+        require_kind(kind)
     models = [] if is_id(text.strip().rpartition("/")[2]) else read_models(store)
     matches = [model for model in models if _answers(model.words, text)]
     if matches:

@@ -7,11 +7,11 @@ from typing import Any
 
 import pandas as pd
 
-from juicer.artifacts.manifest import FINDING, HEADLINE, Manifest
-from juicer.artifacts.ref import KINDS, ArtifactRef
+from juicer.artifacts.manifest import FINDING, HEADLINE, LABEL, Manifest
+from juicer.artifacts.ref import ArtifactRef, require_kind
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Episode, Outcome, Role
-from juicer.errors import ArtifactError, ConfigError, did_you_mean
+from juicer.errors import ArtifactError
 from juicer.library.names import read_models
 from juicer.reporting.lineage import read_lineage
 from juicer.sim.registration import environment_id
@@ -30,8 +30,8 @@ def artifact_table(store: ArtifactStore, kind: str | None) -> pd.DataFrame:
     Raises:
         ConfigError: If there is no such kind.
     """
-    if kind is not None and kind not in KINDS:
-        raise ConfigError(f"unknown kind of artifact '{printable(kind)}'{did_you_mean(str(kind), KINDS)}")
+    if kind is not None:
+        require_kind(kind)
     names = {ref: model.name for model in read_models(store) for ref in (model.evaluation, model.checkpoint)}
     rows = [
         {**_described(manifest), "name": names.get(manifest.ref, ""), **(_facts(manifest) if kind else {})}
@@ -144,7 +144,6 @@ def row_table(store: ArtifactStore, ref: ArtifactRef) -> pd.DataFrame:
 
 
 def _described(manifest: Manifest) -> dict[str, Any]:
-    summary = manifest.summary
     return {
         "id": manifest.ref.id,
         "kind": manifest.ref.kind,
@@ -152,7 +151,7 @@ def _described(manifest: Manifest) -> dict[str, Any]:
         "finished": pd.Timestamp(manifest.finished).tz_convert("UTC").floor("s"),
         "seconds": manifest.seconds,
         "megabytes": round(sum(entry.bytes for entry in manifest.files) / 1e6, 3),
-        HEADLINE: printable(summary.get(HEADLINE, summary.get(FINDING, ""))),
+        HEADLINE: printable(manifest.headline),
     }
 
 
@@ -161,5 +160,5 @@ def _facts(manifest: Manifest) -> Mapping[str, Any]:
     return {
         name: value
         for name, value in manifest.summary.items()
-        if name not in (HEADLINE, FINDING) and isinstance(value, int | float | str)
+        if name not in (HEADLINE, LABEL, FINDING) and isinstance(value, int | float | str)
     }

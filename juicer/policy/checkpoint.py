@@ -135,7 +135,7 @@ def _read_metadata(path: Path) -> CheckpointMetadata:
     try:
         content = json.loads(read_bounded(path, MOST_METADATA_BYTES), object_pairs_hook=_without_duplicates)
     except FileNotFoundError:
-        raise InvalidCheckpoint(f"'{path.parent}' is no checkpoint: it has no {POLICY_FILE}") from None
+        raise InvalidCheckpoint(f"'{path.parent}' is not a checkpoint: it has no {POLICY_FILE}") from None
     except OSError as error:
         raise InvalidCheckpoint(f"'{path}' cannot be read: {error.strerror or error}") from None
     except RecursionError:

@@ -46,6 +46,6 @@ def _check(path: Path, most_bytes: int) -> None:
         header = int.from_bytes(file.read(_LENGTH_BYTES), "little")
         size = file.seek(0, 2)
     if header > MOST_HEADER_BYTES or header + _LENGTH_BYTES > size:
-        raise InvalidCheckpoint(f"'{path}' cannot be read: it is no safetensors file, or damaged")
+        raise InvalidCheckpoint(f"'{path}' cannot be read: it is not a safetensors file, or damaged")
     if size - header > most_bytes + _LENGTH_BYTES:
         raise InvalidCheckpoint(f"'{path}' does not fit its own configuration: it is larger than {most_bytes:,} bytes")

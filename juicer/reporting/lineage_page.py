@@ -6,12 +6,11 @@ Whoever shows it may allow neither other files nor links to other pages, as MLfl
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from html import escape
 
 from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import ArtifactRef
-from juicer.reporting.lineage import nodes_of
+from juicer.reporting.lineage import Manifests, nodes_of
 from juicer.reporting.lineage_drawing import lineage_graph
 
 _STYLE = """
@@ -42,21 +41,15 @@ addEventListener("click", (event) => {
 """
 
 
-def lineage_page(
-    title: str, manifests: Mapping[ArtifactRef, Manifest | None], names: Mapping[ArtifactRef, str] | None = None
-) -> str:
+def lineage_page(title: str, manifests: Manifests, names: Mapping[ArtifactRef, str]) -> str:
     """The page.
 
     Args:
         title: Headline.
-        manifests: The artifacts, parents before children; none where one is lost.
+        manifests: The artifacts.
         names: What some of them are called, instead of by what they hold.
     """
-    names = names or {}
-    nodes = [
-        replace(node, label=names.get(ref, node.label))
-        for ref, node in zip(manifests, nodes_of(manifests), strict=True)
-    ]
+    nodes = [*nodes_of(manifests, names)]
     rows = "".join(
         f'<tr id="{node.id}"><td><b>{escape(node.label)}</b><br><code>{node.id}</code></td>'
         f"<td>{_facts(manifest)}</td><td>{'<br>'.join(_link(parent) for parent in node.parents)}</td></tr>"

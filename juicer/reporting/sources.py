@@ -164,11 +164,7 @@ class Sources:
         """Some of the evaluations and everything they were made from, each once; models are called by their names."""
         names = dict(zip(self._refs[::-1], [row.label for row in self._rows][::-1], strict=True))
         names |= {ref: name for evaluation, name in names.items() if (ref := self._checkpoint(evaluation))}
-        chosen = ancestors_of(self._known, refs)
-        for node in nodes_of({ref: self._known[ref] for ref in chosen}):
-            ref = ArtifactRef.parse(node.id)
-            known = names.get(ref)
-            yield node if known is None else LineageNode(node.id, node.kind, known, node.parents)
+        yield from nodes_of({ref: self._known[ref] for ref in ancestors_of(self._known, refs)}, names)
 
     def _checkpoint(self, evaluation: ArtifactRef) -> ArtifactRef | None:
         manifest = self._known[evaluation]

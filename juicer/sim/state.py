@@ -117,7 +117,7 @@ class SimulatorState:
             self._problem_of_progress(values),
         ):
             if problem:
-                raise InvalidEpisode(f"this is no simulator state of this scene: {problem}")
+                raise InvalidEpisode(f"this is not a simulator state of this scene: {problem}")
         return values
 
     def _problem_of_motion(self, state: Array) -> str | None:

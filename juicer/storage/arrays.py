@@ -163,7 +163,7 @@ class StoredArrays:
         except Exception as error:
             raise self.refusal(f"array '{path}' cannot be opened: {printable(error)}") from None
         if not isinstance(array, zarr.Array) or not array.shape:
-            raise self.refusal(f"'{path}' is no array of theirs")
+            raise self.refusal(f"'{path}' is not one of their arrays")
         chunk = array.dtype.itemsize * math.prod(array.shards or array.chunks)
         if array.dtype.kind not in "biuf" or chunk > MOST_CHUNK_BYTES:
             raise self.refusal(f"array '{path}' has an absurd size or type")

@@ -25,7 +25,7 @@ _POINTS = TypeAdapter(dict[str, list[tuple[int, float]]])
 class CurveWriter:
     """Metric sink that keeps everything it is told in a folder, and passes it on.
 
-    Told of the same step twice, as when a killed training resumes from an earlier step, it keeps the later number.
+    Given the same step twice, as when a killed training resumes from an earlier step, it keeps the later number.
     """
 
     def __init__(self, scratch: Path, listener: MetricSink) -> None:

@@ -22,7 +22,7 @@ def check_task(task: object, name: str) -> str:
     Types, finite numbers, names, and that every index and layout points at a part or pair that is there.
     """
     if not isinstance(task, AssemblyTask):
-        return f"it is no AssemblyTask but {type(task).__name__}"
+        return f"it is not an AssemblyTask but of type {type(task).__name__}"
     try:
         canonical_json(asdict(task))
         if _schema().validate_python(asdict(task)) != task:
@@ -31,7 +31,7 @@ def check_task(task: object, name: str) -> str:
         first = error.errors()[0]
         return f"its {'.'.join(map(str, first['loc']))}: {first['msg']}"
     except (TypeError, ValueError) as error:
-        return f"it holds what is no finite number, text or tuple: {error}"
+        return f"it may hold finite numbers, texts and tuples only: {error}"
     return next(_contradictions(task, name), "")
 
 

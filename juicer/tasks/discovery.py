@@ -13,10 +13,8 @@ from functools import cache, partial
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
-from juicer.announced import announced, origin_of
-from juicer.errors import ConfigError
+from juicer.announced import announced, load
 from juicer.tasks.specification import AssemblyTask
-from juicer.text import printable
 
 GROUP = "juicer.tasks"
 _DEFINES = re.compile(rb"^TASK = ", re.MULTILINE)
@@ -54,15 +52,5 @@ def _load(entry: EntryPoint) -> AssemblyTask:
     """
     from juicer.tasks.checks import check_task  # only whoever has such a task waits for pydantic to look at it
 
-    try:
-        task = entry.load()
-        problem = check_task(task, entry.name)
-    except Exception as error:  # whatever somebody else's module may raise
-        problem = f"{type(error).__name__}: {error}"
-    if problem:
-        raise ConfigError(
-            f"task '{printable(entry.name)}', which is {origin_of(entry)}, cannot be used: {printable(problem, 500)}; "
-            "mend it, or uninstall that package"
-        )
-    found: AssemblyTask = task
-    return found
+    task: AssemblyTask = load(entry, "task", partial(check_task, name=entry.name))
+    return task

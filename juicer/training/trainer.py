@@ -77,8 +77,8 @@ def train(
         scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
             training continues from it, bit for bit on a CPU.
         device: Torch device; a fact about the machine, not part of what is trained.
-        progress: Told of steps done, with the loss and the seconds left.
-        metrics: Told of loss, learning rate and validation.
+        progress: Called with the steps done, the loss and the seconds left.
+        metrics: Called with loss, learning rate and validation.
 
     Raises:
         ConfigError: If settings contradict each other, or there is no such device.

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import importlib
-from importlib.metadata import EntryPoint
 from typing import Any
 
-from juicer.announced import announced, origin_of
+from juicer.announced import announced, load
 from juicer.errors import ConfigError, did_you_mean
 from juicer.text import printable
 from stages.runtime.names import STAGES
@@ -28,17 +27,9 @@ def find_stage(name: str) -> Stage[Any]:
     others = announced(GROUP)
     if name not in others:
         raise ConfigError(f"unknown stage '{printable(name)}'{did_you_mean(name, (*STAGES, *others))}")
-    return _load(others[name])
 
+    def problem_of(found: object) -> str:
+        return "" if isinstance(found, Stage) and found.name == name else "it is not a stage of that name"
 
-def _load(entry: EntryPoint) -> Stage[Any]:
-    try:
-        found = entry.load()
-        problem = "" if isinstance(found, Stage) and found.name == entry.name else "it is no stage of that name"
-    except Exception as error:  # whatever somebody else's module may raise
-        problem = f"{type(error).__name__}: {error}"
-    if problem:
-        origin = f"stage '{printable(entry.name)}', which is {origin_of(entry)},"
-        raise ConfigError(f"{origin} cannot be used: {printable(problem)}; mend it, or uninstall that package")
-    stage: Stage[Any] = found
-    return stage
+    found: Stage[Any] = load(others[name], "stage", problem_of)
+    return found

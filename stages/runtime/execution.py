@@ -6,7 +6,6 @@ import logging
 from dataclasses import dataclass
 
 from juicer.artifacts.draft import Draft
-from juicer.artifacts.manifest import HEADLINE
 from juicer.artifacts.ref import ArtifactRef
 from stages.runtime.context import StageContext, StageInterrupted
 from stages.runtime.given_files import check_unchanged
@@ -97,5 +96,5 @@ def finish(call: StageCall, session: Session, finished: Finished) -> Finished:
     manifest = session.store.manifest(finished.ref)
     state = "reused" if finished.reused else "done"
     session.display.finished(call.stage.name, session.label, state, manifest.summary)
-    logger.info("%s: %s %s %s", call.stage.name, state, finished.ref, manifest.summary.get(HEADLINE, ""))
+    logger.info("%s: %s %s %s", call.stage.name, state, finished.ref, manifest.headline)
     return finished

@@ -10,7 +10,6 @@ from juicer.artifacts.manifest import FINDING, HEADLINE, LABEL
 from juicer.text import printable
 
 Need = Literal["device"]
-ShownAs = Literal["dataset", "model", "result", "page"]
 
 
 @dataclass(frozen=True)
@@ -21,14 +20,12 @@ class StageFacts:
         noun: What its artifact holds, in the plural, e.g. ``rollouts``.
         counts: Fact of the summary that says how many.
         headline: Facts of the summary that are worth a place on one line, in this order.
-        shows_as: What its artifact is in the records of experiments.
         needs: What of the machine it must have to itself while it works.
     """
 
     noun: str = ""
     counts: str = ""
     headline: tuple[str, ...] = ()
-    shows_as: ShownAs = "dataset"
     needs: Need | None = None
 
     def texts(self, summary: Mapping[str, Any]) -> dict[str, str]:

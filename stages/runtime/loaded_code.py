@@ -13,6 +13,6 @@ from stages.runtime.names import STAGES
 PLUGINS = junction_modules()
 for _name in PLUGINS:
     importlib.import_module(_name)
-VERSIONS = {name: module_versions(f"stages.{name}", PLUGINS) for name in STAGES}
-"""Versions of the modules behind each stage and behind every plug-in of ours; to read them here keeps them, as source
-is read once a process."""
+# Source is read once a process: reading it here, behind each stage and every plug-in of ours, keeps it as it is now.
+for _name in STAGES:
+    module_versions(f"stages.{_name}", PLUGINS)

@@ -33,7 +33,7 @@ class PrefectDisplay:
 
         Args:
             inner: Where it shows as well.
-            now_and_then: Called as often as Prefect is told of progress.
+            now_and_then: Called as often as progress goes to Prefect.
         """
         self._inner = inner
         self._now_and_then = now_and_then

@@ -31,7 +31,7 @@ from juicer.errors import WrongArtifactKind
 from juicer.tasks.content import task_content
 from juicer.tasks.task_name import tasks_in
 from stages.runtime.context import StageContext
-from stages.runtime.facts import Need, ShownAs, StageFacts
+from stages.runtime.facts import Need, StageFacts
 from stages.runtime.given_files import describe_files
 
 P = ParamSpec("P")
@@ -207,22 +207,20 @@ def stage(
     noun: str = "",
     counts: str = "",
     headline: tuple[str, ...] = (),
-    shows_as: ShownAs = "dataset",
     needs: Need | None = None,
 ) -> Callable[[Callable[Concatenate[StageContext, P], None]], Stage[P]]:
     """Turn a function from artifacts to one artifact into a stage.
 
     Args:
-        kind: Kind of the artifact that the body makes.
+        kind: Kind of the artifact that the body makes; it also decides what the artifact is in MLflow.
         inputs: Kind that each of its inputs must be of, by role.
         libraries: Distributions whose version shapes the result.
         noun: What its artifact holds, in the plural, e.g. ``rollouts``.
         counts: Fact of the summary that says how many.
         headline: Facts of the summary that are worth a place on one line, in this order.
-        shows_as: What its artifact is in the records of experiments.
         needs: What of the machine it must have to itself while it works.
     """
-    facts = StageFacts(noun, counts, headline, shows_as, needs)
+    facts = StageFacts(noun, counts, headline, needs)
 
     def decorate(body: Callable[Concatenate[StageContext, P], None]) -> Stage[P]:
         return Stage(body, kind, inputs or {}, libraries, facts)

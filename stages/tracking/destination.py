@@ -96,7 +96,7 @@ def reason(error: Exception) -> str:
 
 
 def newest_study(client: MlflowClient) -> str | None:
-    """Id of the experiment that was told of last; none before there is any."""
+    """Id of the experiment that was shown last; none before there is any."""
     found = client.search_experiments(
         max_results=1, filter_string="name != 'Default'", order_by=["last_update_time DESC"]
     )

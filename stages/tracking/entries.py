@@ -16,7 +16,6 @@ from juicer.artifacts.commit import UNKNOWN
 from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.evaluation import ConditionResult
-from juicer.reporting.lineage import label_of
 from juicer.storage.evaluations import EvaluationRow
 from stages.tracking.destination import VIEW
 from stages.tracking.history import History
@@ -155,7 +154,7 @@ def story(experiment: str, run: str, history: History, finding: str) -> str:
     """What stands above the facts of a model, in Markdown."""
     ref = history.evaluation.ref
     page = f"#/experiments/{experiment}/runs/{run}/artifacts/lineage.html"
-    told = f"{label_of(history.evaluation)} succeeded. [What it was made from]({page}); `juicer show {ref.id}`."
+    told = f"{history.evaluation.label} succeeded. [What it was made from]({page}); `juicer show {ref.id}`."
     return f"**{finding}**\n\n{told}\n" if finding else f"{told}\n"
 
 

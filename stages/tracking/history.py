@@ -9,9 +9,7 @@ from dataclasses import dataclass
 from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from juicer.reporting.lineage import checkpoint_of, read_lineage
-
-Known = Mapping[ArtifactRef, Manifest | None]
+from juicer.reporting.lineage import Manifests, checkpoint_of, known_parents, read_lineage
 
 
 @dataclass(frozen=True)
@@ -21,14 +19,14 @@ class History:
     Attributes:
         evaluation: How it did.
         checkpoint: The model, the last of its line; none if it is lost.
-        known: Manifests of everything behind the evaluation, and of itself; parents first, none where one is lost.
+        known: Manifests of the evaluation and of everything behind it.
         rounds: Where the facts of each belong: nowhere special for the final model and its data, below ``round_1/`` for
             the first model and what that made, and so on.
     """
 
     evaluation: Manifest
     checkpoint: ArtifactRef | None
-    known: Known
+    known: Manifests
     rounds: Mapping[ArtifactRef, str]
 
     @property
@@ -60,13 +58,13 @@ def read_history(store: ArtifactStore, evaluation: ArtifactRef) -> History:
         # What a model made belongs to its round, and so does what was chosen of it.
         if ref.kind != "evaluation" and (maker := _maker(known, ref)):
             rounds[ref] = prefixes[maker]
-        elif ref.kind == "selection" and (parents := _parents(known, ref)):
+        elif ref.kind == "selection" and (parents := known_parents(known, ref)):
             rounds[ref] = rounds[parents[0]]
     return History(manifest, final, known, rounds)
 
 
 def _prefixes(
-    known: Known, data: Mapping[ArtifactRef, list[ArtifactRef]], final: ArtifactRef | None
+    known: Manifests, data: Mapping[ArtifactRef, list[ArtifactRef]], final: ArtifactRef | None
 ) -> dict[ArtifactRef, str]:
     """Names of the rounds by model: one that learned from two selections is the model of round 3."""
     turns = {ref: 1 + sum(each.kind == "selection" for each in data[ref]) for ref in data if ref != final}
@@ -80,23 +78,18 @@ def _prefixes(
     return prefixes
 
 
-def _data(known: Known, model: ArtifactRef) -> list[ArtifactRef]:
+def _data(known: Manifests, model: ArtifactRef) -> list[ArtifactRef]:
     """Everything that a model learned from, as far as the models that made some of it."""
     found: dict[ArtifactRef, None] = {}
-    waiting = list(_parents(known, model))
+    waiting = list(known_parents(known, model))
     while waiting:
         ref = waiting.pop()
         if ref.kind != "checkpoint" and ref not in found:
             found[ref] = None
-            waiting += _parents(known, ref)
+            waiting += known_parents(known, ref)
     return list(found)
 
 
-def _maker(known: Known, ref: ArtifactRef) -> ArtifactRef | None:
+def _maker(known: Manifests, ref: ArtifactRef) -> ArtifactRef | None:
     """The model that acted where an artifact was made."""
-    return next((parent for parent in _parents(known, ref) if parent.kind == "checkpoint"), None)
-
-
-def _parents(known: Known, ref: ArtifactRef) -> tuple[ArtifactRef, ...]:
-    manifest = known[ref]
-    return manifest.recipe.parents if manifest else ()
+    return next((parent for parent in known_parents(known, ref) if parent.kind == "checkpoint"), None)

@@ -188,7 +188,7 @@ def test_configuration_without_a_file_is_read_like_one():
         ({"seeds": [1]}, "the form: unknown key 'seeds'; did you mean 'seed'"),
         ({"record": {"seed": True}}, "the form: record.seed: must be a whole number, got True"),
         ({1: 2}, "the form: a key must be a word, got 1"),
-        ({"record": {"a" * 1000: 1}}, "is no key"),
+        ({"record": {"a" * 1000: 1}}, "cannot be a key"),
         ({"mix": {"lamp": {}}}, "mix.lamp must be the loop of lamp alone"),
         ({"mix": {}, "tasks": ["lamp"]}, "key 'mix' does not go with tasks"),
     ],

@@ -60,7 +60,7 @@ def schema(version):
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda folder: (folder / "policy.json").unlink(), "is no checkpoint"),
+        (lambda folder: (folder / "policy.json").unlink(), "is not a checkpoint"),
         (lambda folder: (folder / "policy.json").write_text("{"), "cannot be read"),
         (lambda folder: (folder / "policy.json").write_text('{"schema_version": 5}'), "is not valid: policy"),
         (schema(99), "schema version 99, .* use the version of juicer that wrote it"),

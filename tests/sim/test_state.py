@@ -43,7 +43,7 @@ WRONG: dict[str, tuple[Callable[[NDArray[np.float64]], Any], str]] = {
     "infinite": (change(-1, np.inf), "NaN or infinite"),
     "all absurd": (lambda state: np.full_like(state, 1e12), "a position is 1e\\+12"),
     "all zero": (np.zeros_like, "unit length"),
-    "random": (lambda state: np.random.default_rng(0).normal(size=state.shape), "no simulator state"),
+    "random": (lambda state: np.random.default_rng(0).normal(size=state.shape), "not a simulator state"),
     "a part a light second away": (change(LEG_POSE, [3e8, 0, 0, 1, 0, 0, 0]), "a position is 3e\\+08"),
     "no quaternion": (change(LEG_POSE, 0.1), "unit length"),
     "too fast": (change(SPEEDS, 1e3), "speed is"),

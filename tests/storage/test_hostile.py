@@ -87,7 +87,7 @@ def test_a_file_of_nonsense_is_refused(folder: Path, place: str, content: bytes)
     ("arrays", "words"),
     [
         (None, "its arrays are not described"),
-        ([{"name": "../..", "shape": [], "dtype": "float32", "role": "reward"}], "is no name of an array"),
+        ([{"name": "../..", "shape": [], "dtype": "float32", "role": "reward"}], "cannot be the name of an array"),
         (
             [{"name": "secret", "shape": [3], "dtype": "float32", "role": "action"}],
             "array 'data/secret' cannot be opened",

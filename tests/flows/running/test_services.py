@@ -11,7 +11,7 @@ import sys
 
 import pytest
 
-from flows.running.services import SERVICES_FILE, Services, announced, find_services, only_one
+from flows.running.services import SERVICES_FILE, Services, announce, find_services, only_one
 from flows.running.settings import Settings
 from flows.servers.addresses import check_reachable, is_answering, listen, port_of
 from flows.servers.environment import API_VARIABLE, DATABASE_VARIABLE, PASSWORD_VARIABLE, prepare_environment
@@ -20,9 +20,9 @@ from juicer.errors import ConfigError, ServiceUnavailable
 SERVICES = Services(prefect="http://127.0.0.1:9", mlflow="http://127.0.0.1:10")
 KILLED = """
 import os, pathlib, signal, sys
-from flows.running.services import Services, announced, only_one
+from flows.running.services import Services, announce, only_one
 folder = pathlib.Path(sys.argv[1])
-with only_one(folder), announced(folder, Services("http://127.0.0.1:9", "http://127.0.0.1:10")):
+with only_one(folder), announce(folder, Services("http://127.0.0.1:9", "http://127.0.0.1:10")):
     os.kill(os.getpid(), signal.SIGKILL)
 """
 
@@ -39,7 +39,7 @@ def bare_environment(monkeypatch):
 
 
 def test_servers_are_announced_for_as_long_as_they_run(tmp_path):
-    with only_one(tmp_path) as is_free, announced(tmp_path, SERVICES):
+    with only_one(tmp_path) as is_free, announce(tmp_path, SERVICES):
         assert is_free
         assert find_services(tmp_path) == SERVICES
         assert (tmp_path / SERVICES_FILE).stat().st_mode & 0o777 == 0o600
@@ -63,7 +63,7 @@ def test_announcement_of_a_killed_process_is_void(tmp_path):
 
 def test_announcement_of_another_machine_is_void(tmp_path):
     elsewhere = Services(SERVICES.prefect, SERVICES.mlflow, machine=f"not-{platform.node()}")
-    with only_one(tmp_path), announced(tmp_path, elsewhere):
+    with only_one(tmp_path), announce(tmp_path, elsewhere):
         assert find_services(tmp_path) is None
 
 
@@ -117,5 +117,5 @@ def test_without_a_server_prefect_keeps_its_records_in_the_data_folder(tmp_path,
 
 
 def test_announced_server_that_is_gone_is_passed_over(tmp_path, bare_environment):
-    with only_one(tmp_path), announced(tmp_path, SERVICES):
+    with only_one(tmp_path), announce(tmp_path, SERVICES):
         assert not prepare_environment(Settings(data=tmp_path))
