@@ -60,4 +60,6 @@ class Order:
             try:
                 return execute(self.call, session)
             except Exception as error:
-                raise portable(error, name) from None
+                failure = portable(error, name)
+        # Raised out here, it carries along nothing: clusters pickle the context of an error, too.
+        raise failure

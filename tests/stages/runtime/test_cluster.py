@@ -59,6 +59,7 @@ def test_an_error_comes_back_even_if_it_cannot_be_pickled(toys, session):
     with pytest.raises(RuntimeError, match=r"(?s)ValueError\('odd'\).*In the process of stage 'crash'") as caught:
         execute(travelled(toys, session, call))
     assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+    assert caught.value.__context__ is None
 
 
 def test_a_worker_that_is_told_to_stop_leaves_nothing(toys, session, store):
