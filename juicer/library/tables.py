@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from juicer.artifacts.manifest import FINDING, HEADLINE, Manifest
+from juicer.artifacts.manifest import FINDING, HEADLINE, Manifest, headline_of
 from juicer.artifacts.ref import KINDS, ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Episode, Outcome, Role
@@ -44,9 +44,9 @@ def artifact_table(store: ArtifactStore, kind: str | None) -> pd.DataFrame:
 
 def model_table(store: ArtifactStore) -> pd.DataFrame:
     """A row a model that a report names, with what its evaluation found."""
+    found = ("episodes", "successes", "success_rate", "interval_low", "interval_high", "mean_length")
     rows = []
     for model in read_models(store):
-        found = ("episodes", "successes", "success_rate", "interval_low", "interval_high", "mean_length")
         try:
             summary = store.manifest(model.evaluation).summary
         except ArtifactError:
@@ -65,7 +65,8 @@ def model_table(store: ArtifactStore) -> pd.DataFrame:
                 "report": model.report.id,
             }
         )
-    return pd.DataFrame(rows).set_index("name") if rows else pd.DataFrame()
+    columns = ["name", "study", "task", "condition", "seed", *found, "evaluation", "checkpoint", "report"]
+    return pd.DataFrame(rows, columns=columns).set_index("name")
 
 
 def lineage_table(store: ArtifactStore, ref: ArtifactRef) -> pd.DataFrame:
@@ -152,7 +153,7 @@ def _described(manifest: Manifest) -> dict[str, Any]:
         "finished": pd.Timestamp(manifest.finished).tz_convert("UTC").floor("s"),
         "seconds": manifest.seconds,
         "megabytes": round(sum(entry.bytes for entry in manifest.files) / 1e6, 3),
-        HEADLINE: printable(summary.get(HEADLINE, summary.get(FINDING, ""))),
+        HEADLINE: printable(headline_of(summary)),
     }
 
 
