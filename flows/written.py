@@ -265,7 +265,8 @@ def _replaced(values: Mapping[str, Any], keys: Sequence[str], value: Any, place:
         return {**values, first: value}
     section = values.get(first)
     if section is not None and not isinstance(section, Mapping):
-        raise ConfigError(f"{place} {'.'.join(keys)}: '{printable(first)}' holds a value, not a section")
+        held = "a list" if isinstance(section, list) else "a value"
+        raise ConfigError(f"{place} {'.'.join(keys)}: '{printable(first)}' holds {held}, not a section")
     return {**values, first: _replaced(section or {}, rest, value, place)}
 
 

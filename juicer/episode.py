@@ -291,9 +291,11 @@ class Episode:
         """Simulator state before the action of a step; for the step after the last, at the end.
 
         Raises:
-            StateMissing: If the episode has none.
+            StateMissing: If the episode has none, or no such step.
         """
         require_state(self.schema, f"episode {self.record.episode_id}")
+        if not -len(self) <= step <= len(self):
+            raise StateMissing(f"the episode has steps 0 to {len(self) - 1} and the end, {len(self)}, not {step}")
         return np.asarray(self._at(STATE_KEY, step), dtype=np.float64)
 
     def recorded_step(self, step: int) -> int:

@@ -130,3 +130,11 @@ def test_whole_numbers_are_not_converted_to_be_checked():
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 0.1 * steps["front"].nbytes
+
+
+@pytest.mark.parametrize("step", [10**9, -(10**9)])
+def test_a_step_that_is_not_there_is_refused(episode_factory: EpisodeFactory, step: int):
+    episode = episode_factory(length=5)
+    assert np.array_equal(episode.state(5), episode.final["sim_state"])
+    with pytest.raises(StateMissing, match=f"the episode has steps 0 to 4 and the end, 5, not {step}"):
+        episode.state(step)

@@ -88,7 +88,8 @@ def _number(store: ArtifactStore, ref: ArtifactRef, name: str) -> int:
         found = episodes_named(name, EpisodeReader(store.open(ref)).records)
     if len(found) != 1:
         several = "no episode" if not found else f"{len(found)} episodes"
-        raise ConfigError(f"{several} of {ref} can be named '{printable(name)}'; `juicer show {ref.id}` lists ids")
+        other = ", its log, or six or more digits of its id" if ref.kind == "episodes" else ""
+        raise ConfigError(f"{several} of {ref} can be named '{printable(name)}'; give its number, from 0{other}")
     return found[0]
 
 

@@ -6,9 +6,11 @@ Nothing here decides what is computed; what does belongs into a configuration fi
 from __future__ import annotations
 
 import os
+import re
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
+from urllib.parse import urlsplit
 
 from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -20,6 +22,7 @@ from stages.runtime.machine import Machine
 
 PREFIX = "JUICER_"
 RUNNER_VARIABLE = f"{PREFIX}RUNNER"
+RENAMED = {f"{PREFIX}SPREAD": f"; {RUNNER_VARIABLE} now says where stages run, e.g. dask or tcp://HOST:8786"}
 LONGEST_PLACE = 4096
 
 
@@ -48,9 +51,9 @@ class Settings(BaseSettings):
     store: str = ""
     tracking_uri: str = ""
     workers: int = Field(default=2, ge=1, le=1024)
-    runner: str = Field(default="threads", pattern=r"^(threads|dask|ray|(tcp|tls|ray)://[^\s/]+:[0-9]{1,5})$")
+    runner: str = "threads"
     num_envs: int = Field(default=16, ge=1, le=4096)
-    device: str = Field(default="cpu", pattern="^(cpu|cuda(:[0-9]{1,3})?(,cuda:[0-9]{1,3})*)$")
+    device: str = "cpu"
     allowed_hosts: str = ""
     startup_seconds: int = Field(default=120, ge=1, le=86_400)
 
@@ -59,6 +62,24 @@ class Settings(BaseSettings):
     def _is_plain_text(cls, value: Path | str) -> Path | str:
         if len(str(value)) > LONGEST_PLACE or printable(value, LONGEST_PLACE) != str(value):
             raise ValueError(f"must be at most {LONGEST_PLACE} letters and without control characters")
+        return value
+
+    @field_validator("runner")
+    @classmethod
+    def _is_a_runner(cls, value: str) -> str:
+        try:
+            is_address = bool(re.fullmatch(r"(tcp|tls|ray)://[^\s/]+", value) and urlsplit(value).port)
+        except ValueError:
+            is_address = False
+        if not is_address and value not in ("threads", "dask", "ray"):
+            raise ValueError("must be threads, dask, ray, or a cluster's address such as tcp://HOST:8786")
+        return value
+
+    @field_validator("device")
+    @classmethod
+    def _is_a_device(cls, value: str) -> str:
+        if not re.fullmatch(r"cpu|cuda(:[0-9]{1,3})?(,cuda:[0-9]{1,3})*", value):
+            raise ValueError("must be cpu, cuda, or cuda:0,cuda:1 and so on for several")
         return value
 
     @field_validator("data", "store")
@@ -116,7 +137,8 @@ def read_settings() -> Settings:
     known = {PREFIX + name.upper() for name in Settings.model_fields}
     for name in os.environ:
         if name.startswith(PREFIX) and name not in known:
-            raise ConfigError(f"environment variable {printable(name)} is not known{did_you_mean(name, known)}")
+            remedy = RENAMED.get(name) or did_you_mean(name, known)
+            raise ConfigError(f"environment variable {printable(name)} is not known{remedy}")
     try:
         return Settings()
     except ValidationError as error:

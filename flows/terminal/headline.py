@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from juicer.artifacts.manifest import FINDING, HEADLINE
+from juicer.artifacts.manifest import headline_of
 from juicer.text import printable
 
 _REJECTIONS_SHOWN = 20
@@ -14,8 +14,7 @@ _LONGEST = 2000
 
 def headline(summary: Mapping[str, Any]) -> str:
     """What a summary says, in a few words: what its stage found worth saying, or why it failed."""
-    told = summary.get("reason", summary.get(HEADLINE, summary.get(FINDING, "")))
-    return printable(told, _LONGEST)
+    return printable(summary.get("reason", headline_of(summary)), _LONGEST)
 
 
 def rejections(summary: Mapping[str, Any]) -> list[str]:

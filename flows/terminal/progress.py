@@ -76,7 +76,8 @@ class Board:
             self._bars.update(bar, completed=done, total=total or None, told=told, facts=shown)
             if self._bars.disable and now - spoken >= PLAIN_SECONDS:
                 spoken = now
-                self.say(f"{_clock()}  {stage:9} {label:24} {told}  {shown}; {self._total()}")
+                line = f"{told}  {shown}".rstrip()
+                self.say(f"{_clock()}  {stage:9} {label:24} {line}; {self._total()}")
 
         return progress
 

@@ -33,6 +33,8 @@ MOST_BYTES = 2**24
 """Of a manifest: a hundred thousand files."""
 DEEPEST = 64
 """Levels within a manifest; its own are five, a configuration's about ten."""
+MOST_COUNTS = 3
+"""That stand in for a headline."""
 LONGEST_FACT = 2000
 """Letters of one fact in a summary."""
 
@@ -97,8 +99,8 @@ class Manifest:
 
     @property
     def headline(self) -> str:
-        """What is worth saying of the artifact on one line; earlier versions wrote a finding at most."""
-        return str(self.summary.get(HEADLINE, self.finding))
+        """What is worth saying of the artifact on one line."""
+        return headline_of(self.summary)
 
     @property
     def label(self) -> str:
@@ -215,6 +217,15 @@ class _Body(_Record):
     started: Annotated[str, AfterValidator(_with_offset)]
     finished: Annotated[str, AfterValidator(_with_offset)]
     seconds: FiniteFloat
+
+
+def headline_of(summary: Mapping[str, Any]) -> str:
+    """What is worth saying of an artifact on one line; of one that says nothing of itself, the first things it counts.
+
+    Artifacts of earlier versions have no headline.
+    """
+    counts = [f"{name.replace('_', ' ')} {value}" for name, value in summary.items() if type(value) is int]
+    return str(summary.get(HEADLINE) or summary.get(FINDING) or ", ".join(counts[:MOST_COUNTS]))
 
 
 def describe_host() -> dict[str, Any]:

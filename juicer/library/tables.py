@@ -44,9 +44,9 @@ def artifact_table(store: ArtifactStore, kind: str | None) -> pd.DataFrame:
 
 def model_table(store: ArtifactStore) -> pd.DataFrame:
     """A row a model that a report names, with what its evaluation found."""
+    found = ("episodes", "successes", "success_rate", "interval_low", "interval_high", "mean_length")
     rows = []
     for model in read_models(store):
-        found = ("episodes", "successes", "success_rate", "interval_low", "interval_high", "mean_length")
         try:
             summary = store.manifest(model.evaluation).summary
         except ArtifactError:
@@ -65,7 +65,8 @@ def model_table(store: ArtifactStore) -> pd.DataFrame:
                 "report": model.report.id,
             }
         )
-    return pd.DataFrame(rows).set_index("name") if rows else pd.DataFrame()
+    columns = ["name", "study", "task", "condition", "seed", *found, "evaluation", "checkpoint", "report"]
+    return pd.DataFrame(rows, columns=columns).set_index("name")
 
 
 def lineage_table(store: ArtifactStore, ref: ArtifactRef) -> pd.DataFrame:

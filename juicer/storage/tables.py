@@ -52,7 +52,10 @@ def read_table(
         table = table.select(schema.names)
     if not table.schema.equals(schema):
         names = printable(table.schema.names)
-        raise ArtifactError(f"'{path}' has the columns {names} of another version; expected {schema.names}")
+        raise ArtifactError(
+            f"'{path}' has the columns {names} of another version; expected {schema.names}; "
+            "run the flow that made its artifact again, which makes its successor"
+        )
     for name in schema.names:
         if name not in optional and table.column(name).null_count:
             raise ArtifactError(f"'{path}' lacks values in its column '{name}'; make its artifact again")

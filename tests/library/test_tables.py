@@ -18,6 +18,7 @@ from juicer.storage.episodes import write_episodes
 def test_an_empty_store_has_empty_tables(tmp_path):
     store = ArtifactStore(tmp_path)
     assert len(artifact_table(store, None)) == len(artifact_table(store, "report")) == len(model_table(store)) == 0
+    assert {"task", "condition", "seed", "success_rate", "checkpoint"} <= set(model_table(store).columns)
     with pytest.raises(ConfigError, match="did you mean 'report'"):
         artifact_table(store, "reports")
 

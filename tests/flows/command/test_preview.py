@@ -131,7 +131,7 @@ def test_the_command_starts_nothing_and_writes_nothing(tmp_path, monkeypatch, ca
     assert sorted(tmp_path.rglob("*")) == before
     assert err == ""
     table, _, content = out.partition("\n{")
-    assert "0 reused, 15 to be computed" in table
+    assert "0 reused, 15 to be computed: none like them ever ran, so nobody knows how long they take" in table
     found = json.loads("{" + content)
     assert (found["reused"], found["computed"], found["unknown"]) == (0, 15, 15)
     assert [each["stage"] for each in found["calls"]][:4] == ["record", "ingest", "dataset", "train"]

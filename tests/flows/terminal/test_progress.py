@@ -42,6 +42,19 @@ def test_plain_lines_tell_beginning_advance_time_left_and_end(board, output, mon
     assert "reused" in lines[3]
 
 
+def test_an_artifact_of_an_earlier_version_has_its_counts_for_a_headline(board, output):
+    summary = {"episodes": 8, "is_new": True, "milestones": {"leg": 3}, "success_rate": 0.375, "successes": 3}
+    board.finished("evaluate", "bc seed 0", "reused", summary)
+    assert "reused  episodes 8, successes 3\n" in output.getvalue()
+
+
+def test_a_plain_line_without_facts_has_no_gap(board, output, monkeypatch):
+    monkeypatch.setattr(board_module, "PLAIN_SECONDS", 0.0)
+    with board:
+        board.started("replay", "episode.mp4")(1, 2)
+    assert " left; 0:00 so far" in output.getvalue()
+
+
 def test_estimate_admits_what_it_does_not_know(board):
     board.expect({("train", "a"): 100.0, ("evaluate", "a"): None})
     assert board.seconds_left() == (50.0, False)
