@@ -26,7 +26,7 @@ def defaults() -> Mapping[str, Mapping[str, Any]]:
 
 @cache
 def shipped(name: str) -> Condition | None:
-    """The condition of that name as it comes with juicer; none if there is no such."""
+    """The condition of that name as it comes with juicer, or None."""
     own = defaults()["conditions"].get(name)
     return None if own is None else Condition(**own)
 

@@ -48,7 +48,7 @@ def open_run(
     *,
     forced: frozenset[str] = frozenset(),
 ) -> Iterator[RunContext]:
-    """Everything a run needs, for the length of a block; MLflow is told of it meanwhile and at its end.
+    """Everything a run needs, for the length of a block; MLflow shows it meanwhile and at its end.
 
     Args:
         settings: Facts about this machine.

@@ -61,7 +61,7 @@ def read_labels(path: Path) -> list[Label]:
 
     Raises:
         InvalidLabels: If the file cannot be read or holds no label, a key is missing, unknown or there twice, a step or
-            critical state is no whole number, or a critical state of a recording is labelled twice.
+            critical state is not a whole number, or a critical state of a recording is labelled twice.
     """
     return distinct(
         Label(_name(values["recording"], where), *step_and_state(values, where), where)
@@ -233,7 +233,7 @@ def step_and_state(values: Mapping[str, str], where: str) -> tuple[int, int]:
     """Step and critical state of a label.
 
     Raises:
-        InvalidLabels: If one of them is no whole number.
+        InvalidLabels: If one of them is not a whole number.
     """
     return (
         whole_number(values["step"], "step", where),
