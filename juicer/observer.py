@@ -13,7 +13,7 @@ from juicer.episode import SIMULATOR, ArraySpec, Role
 from juicer.errors import ConfigError, PolicyFailed, did_you_mean
 from juicer.sim.arguments import checked_count, shown
 from juicer.sim.env import AssemblyEnv
-from juicer.sim.scene import CAMERAS
+from juicer.views import CAMERAS
 
 STATE_OBSERVATIONS = tuple(spec for spec in SIMULATOR if spec.role is Role.OBSERVATION)
 """What a policy is shown that declares nothing: proprioception and part poses."""

@@ -95,7 +95,7 @@ def _number(store: ArtifactStore, ref: ArtifactRef, name: str) -> int:
 
 def _view(camera: str, size: str) -> View:
     from juicer.imaging.video import View
-    from juicer.sim.scene import CAMERAS
+    from juicer.views import CAMERAS
 
     parts = re.fullmatch(r"([0-9]{1,5})x([0-9]{1,5})", size)
     if parts is None:

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from juicer.errors import ConfigError, RenderingUnavailable, did_you_mean
 from juicer.imaging.gl import gl_context_class
 from juicer.sim.arguments import is_whole, shown
-
-MAX_WIDTH, MAX_HEIGHT = 1280, 720
+from juicer.views import MAX_HEIGHT, MAX_WIDTH
 
 Image = NDArray[np.uint8]
 

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from juicer.episode import Episode
 from juicer.errors import ConfigError, InvalidEpisode, JuicerError
-from juicer.imaging.renderer import MAX_HEIGHT, MAX_WIDTH
 from juicer.sim.env import AssemblyEnv
-from juicer.sim.scene import CAMERAS
+from juicer.views import CAMERAS, MAX_HEIGHT, MAX_WIDTH
 
 Image = NDArray[np.uint8]
 """``(height, width, 3)``, RGB."""

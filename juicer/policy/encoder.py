@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain
 from typing import ClassVar
 
 from torch import Tensor, nn
@@ -27,7 +28,7 @@ class ObservationEncoder(nn.Module, ABC):
     It is built with its configuration, the tasks of the policy, and T_o.
 
     Attributes:
-        observations: What it sees; a size that depends on the task may be None.
+        observations: What it sees when the policy acts; a size that depends on the task may be None.
         token_size: Number K and length C of its tokens.
         begins_with_proprioception: Whether what it prepares begins with the normalised proprioception.
     """
@@ -36,13 +37,22 @@ class ObservationEncoder(nn.Module, ABC):
     token_size: tuple[int, int]
     begins_with_proprioception: ClassVar[bool] = False
 
+    @property
+    def lessons(self) -> tuple[ArraySpec, ...]:
+        """What it is shown in training: what it sees, unless it learns from what nobody sees when acting."""
+        return self.observations
+
     @abstractmethod
     def fit(self, observations: Mapping[str, Tensor]) -> None:
-        """Learn limits from the observations ``(..., *shape)`` of the training windows."""
+        """Learn limits from the lessons ``(..., *shape)`` of the training windows."""
 
     @abstractmethod
     def prepare(self, observations: Mapping[str, Tensor]) -> Tensor:
         """The fixed part: ``(..., *prepared shape)`` of observations ``(..., *shape)``, row by row."""
+
+    def prepare_lessons(self, lessons: Mapping[str, Tensor]) -> Tensor:
+        """The same of :attr:`lessons`."""
+        return self.prepare(lessons)
 
     @abstractmethod
     def forward(self, prepared: Tensor) -> Tensor:
@@ -61,6 +71,7 @@ class Encoders(nn.Module):
     Attributes:
         names: What the encoders are called.
         observations: What all of them see, and proprioception, in whose frame actions are given.
+        lessons: What they are shown in training.
         sizes: Sizes of the condition that they yield.
 
     Raises:
@@ -74,7 +85,8 @@ class Encoders(nn.Module):
         self.members = nn.ModuleList(
             build_encoder(each, tasks, config.horizons.obs) for each in config.observation.values()
         )
-        self.observations = _together(encoder for _, encoder in self.items())
+        self.observations = _together(encoder.observations for _, encoder in self.items())
+        self.lessons = _together(encoder.lessons for _, encoder in self.items())
         self.embedding = nn.Embedding(len(tasks), config.task_embedding) if len(tasks) > 1 else None
         self.sizes: ConditionSizes = {name: encoder.token_size for name, encoder in self.items()}
         if self.embedding is not None:
@@ -93,8 +105,11 @@ class Encoders(nn.Module):
 
     def prepare(self, observations: Mapping[str, Tensor]) -> Prepared:
         """What every encoder prepares of observations ``(..., *shape)``, and the number of the task."""
-        prepared = {name: encoder.prepare(observations) for name, encoder in self.items()}
-        return prepared if self.embedding is None else {**prepared, TASK_KEY: observations[TASK_KEY]}
+        return self._with_task({name: encoder.prepare(observations) for name, encoder in self.items()}, observations)
+
+    def prepare_lessons(self, lessons: Mapping[str, Tensor]) -> Prepared:
+        """The same of what they are shown in training."""
+        return self._with_task({name: encoder.prepare_lessons(lessons) for name, encoder in self.items()}, lessons)
 
     def forward(self, prepared: Prepared) -> Condition:
         """Condition of prepared rows ``(B, T_o, ...)``."""
@@ -103,10 +118,13 @@ class Encoders(nn.Module):
             return condition
         return {**condition, TASK_KEY: self.embedding(prepared[TASK_KEY][:, -1].long())}
 
+    def _with_task(self, prepared: Prepared, shown: Mapping[str, Tensor]) -> Prepared:
+        return prepared if self.embedding is None else {**prepared, TASK_KEY: shown[TASK_KEY]}
 
-def _together(encoders: Iterable[ObservationEncoder]) -> tuple[ArraySpec, ...]:
+
+def _together(observations: Iterable[tuple[ArraySpec, ...]]) -> tuple[ArraySpec, ...]:
     found = {PROPRIOCEPTION.name: PROPRIOCEPTION}
-    for spec in (spec for encoder in encoders for spec in encoder.observations):
+    for spec in chain.from_iterable(observations):
         if found.setdefault(spec.name, spec) != spec:
             raise ConfigError(
                 f"two encoders of a policy see '{spec.name}' in different shapes or types: "

@@ -27,11 +27,12 @@ from juicer.sim.controller import MAX_ACTION, EndEffectorController, grip_comman
 from juicer.sim.initial_states import initial_part_poses
 from juicer.sim.milestones import BaseProgress, PairProgress
 from juicer.sim.panda import GRIP_FORCE_N, NUM_ARM_JOINTS, RESET_JOINTS_RAD
-from juicer.sim.scene import FRONT_CAMERA, TIMESTEP_S, build_spec
+from juicer.sim.scene import TIMESTEP_S, build_spec
 from juicer.sim.state import AWAKE_COUNTS, DIVERGED_SPEED, SimulatorState
 from juicer.sim.views import SceneViews
 from juicer.tasks.registry import get_task
 from juicer.tasks.specification import TABLE_HEIGHT_M, parse_randomness
+from juicer.views import FRONT_CAMERA
 
 TARGET_UPDATES = 10
 SUBSTEPS_PER_UPDATE = 5

@@ -13,9 +13,9 @@ from juicer.sim.contacts import FIXTURE, TABLE
 from juicer.sim.panda import END_EFFECTOR_Z, HAND_BODY, add_panda
 from juicer.sim.parts import add_part
 from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask, PartSpec
+from juicer.views import FRONT_CAMERA, WRIST_CAMERA
 
 TIMESTEP_S = 0.002
-CAMERAS = FRONT_CAMERA, WRIST_CAMERA = "front", "wrist"
 FLOOR_HEIGHT_M = -0.43
 
 # Fence bars (centre x, y; half extents), a U open towards the robot; inner faces at x 0.6715 and y +-0.165.

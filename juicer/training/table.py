@@ -72,7 +72,7 @@ class WindowTable:
     def normalize(self) -> None:
         """Apply the network's limits; needed once before batches are taken."""
         self._chunks = self._network.action_normalizer.normalize(self._chunks)
-        self._prepared = self._network.encoders.prepare(self._observations)
+        self._prepared = self._network.encoders.prepare_lessons(self._observations)
 
     @torch.no_grad()
     def gather(self, rows: Tensor, noise: StateNoise | None = None) -> Batch:
@@ -84,7 +84,7 @@ class WindowTable:
         if isinstance(noise, PhysicalStateNoise):
             seen = {name: values[steps[:num_noisy]] for name, values in self._observations.items()}
             seen = perturb_observations(seen, noise)
-            for name, values in self._network.encoders.prepare(seen).items():
+            for name, values in self._network.encoders.prepare_lessons(seen).items():
                 prepared[name][:num_noisy] = values
             absolute = self._actions[self._action_steps[rows[:num_noisy]]]
             chunk[:num_noisy] = self._network.encode_actions(absolute, seen["proprioception"][:, -1])
@@ -106,8 +106,8 @@ class WindowTable:
 
 
 def _observed(network: PolicyNetwork, episodes: TrainingEpisodes) -> Mapping[str, NDArray[Any]]:
-    """What a network sees of episodes."""
-    names = [spec.name for spec in network.encoders.observations]
+    """What a network is shown of episodes in training."""
+    names = [spec.name for spec in network.encoders.lessons]
     if len(network.tasks) > 1:
         names.append(TASK_KEY)
     for name in names:

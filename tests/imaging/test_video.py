@@ -13,7 +13,7 @@ import pytest
 from juicer.episode import STATE_KEY, Episode
 from juicer.errors import ConfigError, InvalidEpisode
 from juicer.imaging.video import Image, View, draw, every, write_strip, write_video
-from juicer.sim.scene import CAMERAS
+from juicer.views import CAMERAS
 
 IMAGE: Image = np.zeros((32, 48, 3), np.uint8)
 
