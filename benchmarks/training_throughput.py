@@ -24,6 +24,7 @@ from juicer.policy.network import build_policy
 from juicer.policy.torch_settings import compute_settings
 from juicer.tasks.specification import MOUNTED_COSINE, MOUNTED_M
 from juicer.training.config import TrainingConfig
+from juicer.training.feed import Feed
 from juicer.training.learner import Learner
 from juicer.training.source import BatchOrder
 from juicer.training.trainer import cut_sides, window_sources
@@ -75,13 +76,14 @@ def measure_training(episodes: TrainingEpisodes, preset: PolicyPreset, steps: in
     network = build_policy(preset.policy, {"toy": SPEC}, seed=0)
     sides = cut_sides(episodes, preset.policy.horizons, config, seed=0)
     windows = window_sources(episodes, sides, network, config, seed=0, device=device)
-    learner = Learner(network, config, seed=0, device=device)
-    order = BatchOrder(len(windows.learned), config.batch_size, seed=0)
+    learner = Learner(network, config, device)
+    feed = Feed(
+        windows.learned, BatchOrder(len(windows.learned), config.batch_size, seed=0), config.state_noise, seed=0
+    )
     sampling, whole = [], []
     for step in range(steps + 3):
         start = time.process_time()
-        learner.seed_step(step)
-        batch = windows.learned.gather(order.rows(step), config.state_noise)
+        batch = feed.gather(step)
         sampled = time.process_time()
         learner.learn(batch, step)
         sampling.append(sampled - start)

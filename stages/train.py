@@ -41,7 +41,7 @@ class TrainConfig(StrictConfig):
     noun="steps",
     counts="steps",
     headline=("steps", "train/loss", "validation/position_error_mm"),
-    needs="device",
+    needs="devices",
 )
 def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -> None:
     """Train a policy on the episodes of a dataset.
@@ -49,6 +49,7 @@ def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -
     If they show several tasks, it is one policy for all of them, which is told the task.
     """
     from juicer.policy.checkpoint import save_checkpoint  # torch takes seconds to import
+    from juicer.training.ranks import current_ranks
     from juicer.training.trainer import train as train_policy
 
     rows = read_dataset(context.store.open(dataset, "dataset"))
@@ -64,9 +65,12 @@ def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -
         seed=config.seed,
         scratch=context.draft.scratch / "state",
         device=context.machine.device,
+        loaders=context.machine.loaders,
         progress=context.progress,
         metrics=curves,
     )
+    if not current_ranks().leads:
+        return
     save_checkpoint(context.draft.path, trained.checkpoint)
     curves.finish(context.draft.path)
     context.draft.summary |= {

@@ -28,6 +28,11 @@ def check_device(settings: Settings) -> None:
     gpus = torch.cuda.device_count() if torch.cuda.is_available() else 0
     if lack := lack_of(settings.devices, gpus, torch.version.cuda or torch.version.hip):
         raise ConfigError(f"{lack}; {REMEDY}")
+    if settings.train_processes > len(settings.devices):
+        raise ConfigError(
+            f"environment variable {PREFIX}TRAIN_PROCESSES: {settings.train_processes} processes need a device each, "
+            f"and {PREFIX}DEVICE names {len(settings.devices)}"
+        )
 
 
 def lack_of(devices: Sequence[str], gpus: int, toolkit: str | None) -> str:

@@ -40,6 +40,9 @@ class Settings(BaseSettings):
         num_envs: Simulated environments that a rollout steps side by side.
         device: Torch device that policies are trained on and act on: ``cpu``, ``cuda``, or ``cuda:1`` for the second;
             of several, ``cuda:0,cuda:1``, each takes a training of its own.
+        train_processes: Processes that train one policy together, each on one of these devices.
+        loaders: Processes that gather the batches of each of them ahead of time; if empty, four where a policy that
+            sees images trains on a GPU, and none elsewhere.
         allowed_hosts: Names, besides this machine's own, by which browsers and clients may reach servers that juicer
             runs, such as ``prefect.example.org`` or ``127.0.0.1:14200``; separated by commas.
         startup_seconds: How long a Prefect or MLflow server may take to answer after its start.
@@ -54,6 +57,8 @@ class Settings(BaseSettings):
     runner: str = "threads"
     num_envs: int = Field(default=16, ge=1, le=4096)
     device: str = "cpu"
+    train_processes: int = Field(default=1, ge=1, le=64)
+    loaders: int | None = Field(default=None, ge=0, le=64)
     allowed_hosts: str = ""
     startup_seconds: int = Field(default=120, ge=1, le=86_400)
 
@@ -109,7 +114,7 @@ class Settings(BaseSettings):
     @property
     def machine(self) -> Machine:
         """How much of this machine a stage may use."""
-        return Machine(self.workers, self.num_envs, self.devices)
+        return Machine(self.workers, self.num_envs, self.devices, self.train_processes, self.loaders)
 
     @property
     def runner_kind(self) -> Literal["threads", "dask", "ray"]:

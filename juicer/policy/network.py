@@ -47,7 +47,7 @@ class PolicyNetwork(nn.Module):
         return self.frame.decode(self.action_normalizer.denormalize(chunk), proprioception)
 
     def compute_loss(self, prepared: Prepared, chunk: Tensor) -> Tensor:
-        """Loss of every entry ``(B, T_p, 10)``; draws noise from torch's global random state."""
+        """Loss of every entry ``(B, T_p, 10)``; what is random in it comes from :mod:`juicer.policy.draws`."""
         return self.head.compute_loss(self.encoders(prepared), chunk)
 
     def act(self, prepared: Prepared, proprioception: Tensor, noise: Tensor) -> Tensor:

@@ -67,6 +67,14 @@ class TrainingConfig(StrictConfig):
     precision: Literal["fp32", "bf16", "auto"] = Field(
         default="fp32", description="arithmetic of the network; 'auto' is bf16 where the processor has it"
     )
+    memory_format: Literal["contiguous", "channels_last"] = Field(
+        default="contiguous",
+        description="how weights of image networks lie in memory; 'channels_last' is quicker on most GPUs",
+    )
+    compile: bool = Field(
+        default=False,
+        description="whether torch.compile makes one program of the network: minutes at the start, then quicker steps",
+    )
     threads: int = Field(default=1, gt=0, le=1024)
     windows: WindowConfig = WindowConfig()
     state_noise: Annotated[StateNoise, Field(discriminator="kind")] | None = None

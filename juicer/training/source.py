@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -29,9 +30,27 @@ class Batch:
     chunk: Tensor
     weight: Tensor
 
-    def average(self, losses: Tensor) -> Tensor:
-        """Mean over the targets of losses ``(B, T_p, 10)``."""
-        return (losses * self.weight).sum() / (self.weight.sum() * losses.shape[-1])
+    def average(self, losses: Tensor, targets: Tensor | None = None) -> Tensor:
+        """Mean over the targets of losses ``(B, T_p, 10)``; this part of it, if all of the batch has ``targets``."""
+        targets = self.weight.sum() if targets is None else targets
+        return (losses * self.weight).sum() / (targets * losses.shape[-1])
+
+    def take(self, rows: slice) -> Batch:
+        """Some of the windows."""
+        prepared = {name: values[rows] for name, values in self.prepared.items()}
+        return Batch(prepared, self.chunk[rows], self.weight[rows])
+
+    def to(self, device: torch.device) -> Batch:
+        """The same on a device; copies from pinned memory go on beside what follows."""
+        return self._each(lambda values: values.to(device, non_blocking=True))
+
+    def pin_memory(self) -> Batch:
+        """The same in memory that a GPU reads by itself; called by torch's loader."""
+        return self._each(Tensor.pin_memory)
+
+    def _each(self, change: Callable[[Tensor], Tensor]) -> Batch:
+        prepared = {name: change(values) for name, values in self.prepared.items()}
+        return Batch(prepared, change(self.chunk), change(self.weight))
 
 
 class WindowSource(Protocol):

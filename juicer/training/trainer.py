@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -20,13 +22,19 @@ from juicer.policy.torch_settings import compute_settings, usable_device
 from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progress
 from juicer.seeding import stream
 from juicer.training.config import OriginalStateNoise, TrainingConfig
+from juicer.training.feed import Feed
 from juicer.training.learner import Learner, learning_rate, torch_seed
-from juicer.training.source import BatchOrder, WindowSource
+from juicer.training.ranks import Ranks, current_ranks
+from juicer.training.source import Batch, BatchOrder, WindowSource
 from juicer.training.state import TrainingState, load_state, save_state, training_identity
 from juicer.training.table import WindowTable
 from juicer.training.use import SourceUse, check_use, measure_use, notable_losses
 from juicer.training.validation import validate
 from juicer.training.windows import TrainingEpisodes, Windows, concatenate, cut_windows, split_episodes, window_weights
+from juicer.views import ImageSpec
+
+LOADERS = 4
+"""Processes that gather the images of a batch beside a GPU, if nobody says how many."""
 
 
 @dataclass(frozen=True)
@@ -63,10 +71,14 @@ def train(
     seed: int,
     scratch: Path | None = None,
     device: str = "cpu",
+    loaders: int | None = None,
     progress: Progress = silent_progress,
     metrics: MetricSink | None = None,
 ) -> TrainedCheckpoint:
     """Train a policy by imitation.
+
+    In a process that belongs to torch's default process group, it takes its part of every batch, and all of them
+    end with the same weights; only the first reports, validates, and saves states.
 
     Args:
         sources: Episodes to imitate; all windows are equally likely, unless episodes have weights.
@@ -77,6 +89,7 @@ def train(
         scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
             training continues from it, bit for bit on a CPU.
         device: Torch device; a fact about the machine, not part of what is trained.
+        loaders: Processes that gather batches ahead of time; if None, some for a GPU and a policy that sees images.
         progress: Called with the steps done, the loss and the seconds left.
         metrics: Called with loss, learning rate and validation.
 
@@ -84,19 +97,25 @@ def train(
         ConfigError: If settings contradict each other, or there is no such device.
         TrainingFailed: If there is too little data, or windows leave out most of it, or the loss is no longer a number.
     """
-    torch_device = usable_device(device)
+    torch_device, ranks = usable_device(device), current_ranks()
     _check_noise(policy, config)
     episodes = concatenate(sources)
-    learned, held_out = cut_sides(episodes, policy.horizons, config, seed)
-    use = measure_use(episodes, learned, held_out)
+    sides = cut_sides(episodes, policy.horizons, config, seed)
+    use = measure_use(episodes, *sides)
     check_use(use, policy.horizons, config.windows.back_padding)
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
-        network = build_policy(policy, tasks, torch_seed(seed, "weights")).to(torch_device)
-        windows = window_sources(episodes, (learned, held_out), network, config, seed, torch_device)
-        learner = Learner(network, config, seed, torch_device)
-        order = BatchOrder(len(windows.learned), config.batch_size, seed, window_weights(episodes, learned))
-        loop = _Loop(learner, windows, config, order, metrics or NullMetricSink())
+        network = build_policy(policy, tasks, torch_seed(seed, "weights"))
+        loaders = _default_loaders(network, torch_device) if loaders is None else loaders
+        # Processes beside the training have no use of its GPU: windows, and what prepares them, are not on it then.
+        home = torch.device("cpu") if loaders else torch_device
+        windows = window_sources(episodes, sides, network.to(home), config, seed, home)
+        network = network if home == torch_device else copy.deepcopy(network).to(torch_device)
+        learner = Learner(network, config, torch_device, ranks)
+        order = BatchOrder(len(windows.learned), config.batch_size, seed, window_weights(episodes, sides[0]))
+        feed = Feed(windows.learned, order, config.state_noise, seed, ranks.part(config.batch_size))
+        batches = partial(feed.batches, loaders=loaders, device=torch_device)
+        loop = _Loop(learner, batches, windows, config, ranks, metrics or NullMetricSink())
         identity = training_identity(episodes, _settings(policy, tasks, config, seed))
         facts = loop.run(identity, scratch, progress)
     metadata = CheckpointMetadata(
@@ -161,14 +180,22 @@ class _Loop:
     """Steps, reports, validations and saves in their order."""
 
     def __init__(
-        self, learner: Learner, windows: WindowSources, config: TrainingConfig, order: BatchOrder, metrics: MetricSink
+        self,
+        learner: Learner,
+        batches: Callable[[int, int], Iterator[Batch]],
+        windows: WindowSources,
+        config: TrainingConfig,
+        ranks: Ranks,
+        metrics: MetricSink,
     ) -> None:
         self._learner = learner
-        self._windows = windows
+        self._batches = batches
+        self._held_out = windows.held_out
         self._config = config
+        self._ranks = ranks
         self._metrics = metrics
-        self._order = order
-        self._loss_sum = torch.zeros(())
+        # Summed where losses are: asking for each would have the device wait for us at every step.
+        self._loss_sum = torch.zeros((), device=next(learner.network.parameters()).device)
         self._facts = {
             "num_parameters": float(learner.network.num_parameters),
             "num_windows": float(len(windows.learned)),
@@ -179,15 +206,16 @@ class _Loop:
         config = self._config
         first = self._resume(identity, scratch)
         started = time.monotonic()
-        for step in range(first, config.steps):
-            self._learner.seed_step(step)
-            batch = self._windows.learned.gather(self._order.rows(step), config.state_noise)
-            self._loss_sum += self._learner.learn(batch, step).cpu()
+        for step, batch in enumerate(self._batches(first, config.steps), first):
+            self._loss_sum += self._learner.learn(batch, step)
             done = step + 1
             if done % config.report_every == 0 or done == config.steps:
                 self._report(done)
-                seconds_left = (time.monotonic() - started) / (done - first) * (config.steps - done)
-                progress(done, config.steps, loss=self._facts["train/loss"], seconds_left=round(seconds_left))
+                if self._ranks.leads:
+                    seconds_left = (time.monotonic() - started) / (done - first) * (config.steps - done)
+                    progress(done, config.steps, loss=self._facts["train/loss"], seconds_left=round(seconds_left))
+            if not self._ranks.leads:
+                continue
             if done % config.validate_every == 0 or done == config.steps:
                 self._validate(done)
             if scratch is not None and done % config.save_every == 0 and done < config.steps:
@@ -200,7 +228,7 @@ class _Loop:
         if state is None:
             return 0
         self._learner.restore(state.tensors, state.step)
-        self._loss_sum = state.tensors["loss_sum"].clone()
+        self._loss_sum.copy_(state.tensors["loss_sum"])
         return state.step
 
     def _report(self, done: int) -> None:
@@ -216,12 +244,19 @@ class _Loop:
         self._record({"train/loss": loss, "train/learning_rate": rate}, done)
 
     def _validate(self, done: int) -> None:
-        if self._windows.held_out is not None:
-            self._record(validate(self._learner.acting, self._windows.held_out), done)
+        if self._held_out is not None:
+            self._record(validate(self._learner.acting, self._held_out), done)
 
     def _record(self, metrics: Mapping[str, float], step: int) -> None:
-        self._metrics.log(metrics, step)
+        if self._ranks.leads:
+            self._metrics.log(metrics, step)
         self._facts |= metrics
+
+
+def _default_loaders(network: PolicyNetwork, device: torch.device) -> int:
+    """Numbers of a whole dataset lie on the GPU; images are gathered by others while it computes."""
+    sees_images = any(isinstance(spec, ImageSpec) for spec in network.encoders.lessons)
+    return LOADERS if sees_images and device.type != "cpu" else 0
 
 
 def _check_noise(policy: PolicyConfig, config: TrainingConfig) -> None:
@@ -238,4 +273,4 @@ def _settings(policy: PolicyConfig, tasks: Tasks, config: TrainingConfig, seed: 
 
 
 def _on_cpu(network: PolicyNetwork) -> dict[str, Tensor]:
-    return {name: value.detach().cpu() for name, value in network.state_dict().items()}
+    return {name: value.detach().cpu().contiguous() for name, value in network.state_dict().items()}

@@ -26,14 +26,15 @@ def validate(network: PolicyNetwork, source: WindowSource) -> dict[str, float]:
     """
     order = stream(VALIDATION_SEED, "validation").permutation(len(source))[:VALIDATION_ROWS]
     rows = torch.from_numpy(order)
+    device = next(network.parameters()).device
     was_training = network.training
     network.eval()
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(VALIDATION_SEED)
-        batch = source.gather(rows)
-        recorded, proprioception = source.recorded(rows)
+        batch = source.gather(rows).to(device)
+        recorded, proprioception = (values.to(device) for values in source.recorded(rows))
         loss = batch.average(network.compute_loss(batch.prepared, batch.chunk))
-        predicted = network.act(batch.prepared, proprioception, torch.randn(recorded.shape).to(recorded.device))
+        predicted = network.act(batch.prepared, proprioception, torch.randn(recorded.shape).to(device))
     network.train(was_training)
     horizons = network.config.horizons
     executed = slice(horizons.obs - 1, horizons.obs - 1 + horizons.action)

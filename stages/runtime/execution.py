@@ -9,8 +9,9 @@ from juicer.artifacts.draft import Draft
 from juicer.artifacts.ref import ArtifactRef
 from stages.runtime.context import StageContext, StageInterrupted
 from stages.runtime.given_files import check_unchanged
-from stages.runtime.isolation import check_code, run_isolated
+from stages.runtime.isolation import run_isolated
 from stages.runtime.machine import Machine
+from stages.runtime.ranks import run_body
 from stages.runtime.session import Session
 from stages.runtime.stage import StageCall
 
@@ -73,11 +74,12 @@ def _fill(call: StageCall, session: Session, draft: Draft) -> None:
         if session.isolate:
             draft.summary |= run_isolated(call, context, session.stop)
         else:
-            check_code(call)
-            stage.body(context, **call.arguments)
+            run_body(call, context)
 
-    if stage.facts.needs == "device":
-        with session.machine.leased(lambda: progress(0, 0, waiting_for=" or ".join(session.machine.devices))) as own:
+    if need := stage.facts.needs:
+        count = session.machine.processes if need == "devices" else 1
+        waiting_for = (" and " if count > 1 else " or ").join(session.machine.devices)
+        with session.machine.leased(lambda: progress(0, 0, waiting_for=waiting_for), count) as own:
             run(own)
     else:
         run(session.machine)

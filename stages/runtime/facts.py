@@ -9,7 +9,8 @@ from typing import Any, Literal
 from juicer.artifacts.manifest import FINDING, HEADLINE, LABEL
 from juicer.text import printable
 
-Need = Literal["device"]
+Need = Literal["device", "devices"]
+"""A device to itself; or as many as the machine has processes for one training, each of which runs the body then."""
 
 
 @dataclass(frozen=True)

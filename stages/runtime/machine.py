@@ -6,7 +6,7 @@ import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
@@ -27,12 +27,16 @@ class Machine:
         workers: Threads or processes that a stage may keep busy.
         num_envs: Simulated environments that a rollout steps side by side.
         devices: Torch devices: each takes one training at a time; policies act on the first.
+        processes: Processes that train one policy together, each on a device of its own if it is not the processor.
+        loaders: Processes that gather the batches of each of them; as many as fit if None.
         leases: Folder of the locks that say which device is taken; one that all runs of a user share if None.
     """
 
     workers: int = 1
     num_envs: int = 8
     devices: tuple[str, ...] = (CPU,)
+    processes: int = 1
+    loaders: int | None = None
     leases: Path | None = None
 
     @property
@@ -41,13 +45,14 @@ class Machine:
         return self.devices[0]
 
     @contextmanager
-    def leased(self, wait: Callable[[], None]) -> Iterator[Self]:
-        """The machine with the first device that is free, which is nobody else's for the length of a block.
+    def leased(self, wait: Callable[[], None], count: int = 1) -> Iterator[Self]:
+        """The machine with the first devices that are free, which are nobody else's for the length of a block.
 
-        Processors need no lease. The kernel frees the lease of a process that ends, however it ends.
+        Processors need no lease. The kernel frees the leases of a process that ends, however it ends.
 
         Args:
-            wait: Called again and again while all devices are taken; it may raise to give up.
+            wait: Called again and again while too many devices are taken; it may raise to give up.
+            count: How many devices are needed.
 
         Raises:
             ServiceUnavailable: If there is no place for leases.
@@ -56,25 +61,25 @@ class Machine:
             yield self
             return
         folder = self.leases or _shared_folder()
-        while (lease := _free_one(folder, self.devices)) is None:
-            wait()
-            time.sleep(POLL_SECONDS)
-        device, lock = lease
-        try:
-            yield replace(self, devices=(device,))
-        finally:
-            lock.release()
+        with ExitStack() as leases:
+            while len(devices := _free(folder, self.devices, count, leases)) < count:
+                wait()
+                time.sleep(POLL_SECONDS)
+            yield replace(self, devices=devices)
 
 
-def _free_one(folder: Path, devices: tuple[str, ...]) -> tuple[str, FileLock] | None:
-    for device in devices:
-        lock = FileLock(folder / f"{_unit(device)}.lock")
-        try:
-            lock.acquire(timeout=0)
-        except Timeout:
-            continue
-        return device, lock
-    return None
+def _free(folder: Path, devices: tuple[str, ...], count: int, leases: ExitStack) -> tuple[str, ...]:
+    """So many devices, leased until the stack is closed; none if there are fewer, so that nobody waits for another."""
+    free: list[str] = []
+    with ExitStack() as held:
+        for device in devices:
+            with suppress(Timeout):
+                held.enter_context(FileLock(folder / f"{_unit(device)}.lock", timeout=0))
+                free.append(device)
+            if len(free) == count:
+                leases.push(held.pop_all())
+                return tuple(free)
+    return ()
 
 
 def _unit(device: str) -> str:

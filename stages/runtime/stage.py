@@ -22,12 +22,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Concatenate, Generic, ParamSpec, Protocol, get_origin, get_type_hints
 
-from juicer.artifacts.code_version import library_versions, module_versions, version_of
+from juicer.artifacts.code_version import home_of, library_versions, module_versions, version_of
 from juicer.artifacts.junctions import is_plugin, plugins_in
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
-from juicer.errors import WrongArtifactKind
+from juicer.errors import ForeignCode, WrongArtifactKind
 from juicer.tasks.content import task_content
 from juicer.tasks.task_name import tasks_in
 from stages.runtime.context import StageContext
@@ -197,6 +197,21 @@ def unlike_recipe(module: str, recipe: Recipe) -> list[str]:
     changed = sorted({name for name, _ in modules.items() ^ recipe.modules.items()})
     tasks = {name: task_content(name, modules) for name in recipe.tasks}
     return changed + [f"task {name}" for name, content in recipe.tasks.items() if tasks[name] != content]
+
+
+def check_code(call: StageCall) -> None:
+    """Refuse to make an artifact with other code, or other tasks, than those its recipe names.
+
+    Raises:
+        ForeignCode: Naming what differs.
+    """
+    changed = unlike_recipe(call.module, call.recipe)
+    if changed:
+        raise ForeignCode(
+            f"stage '{call.recipe.stage}' would run other code than its artifact is to be known by ({changed[0]} in "
+            f"'{home_of(call.module)}' differs): it was edited while the run started, or another copy of juicer stands "
+            "before this one; run the command again, and see that PYTHONPATH names no other copy"
+        )
 
 
 def stage(

@@ -11,6 +11,7 @@ import math
 import torch
 from torch import Tensor
 
+from juicer.policy import draws
 from juicer.policy.condition import Condition, ConditionSizes
 from juicer.policy.denoiser import build_denoiser
 from juicer.policy.head import ActionHead, ChunkShape, squared_error
@@ -57,8 +58,8 @@ class DiffusionHead(ActionHead):
 
     def compute_loss(self, condition: Condition, chunk: Tensor) -> Tensor:
         """Squared error of the predicted noise, or of the predicted chunk, at one random noise level a sample."""
-        noise = torch.randn_like(chunk)
-        step = torch.randint(self.config.train_timesteps, (len(chunk),), device=chunk.device)
+        noise = draws.randn(chunk.shape, chunk.device)
+        step = draws.randint(self.config.train_timesteps, chunk.shape[:1], chunk.device)
         noisy = self.signal_scale[step, None, None] * chunk + self.noise_scale[step, None, None] * noise
         target = noise if self.config.prediction == "epsilon" else chunk
         return squared_error(self.denoiser(noisy, step, condition), target)

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from juicer.policy.condition import Condition, ConditionSizes, flat, flat_size
+from juicer.policy.draws import Dropout
 from juicer.policy.head import ActionHead, ChunkShape, squared_error
 from juicer.policy.heads.mlp.config import MLPHeadConfig
 
@@ -18,7 +19,7 @@ class ResidualLayer(nn.Module):
 
     def __init__(self, width: int, dropout: float) -> None:
         super().__init__()
-        self.inner = nn.Sequential(nn.Linear(width, width), nn.ReLU(), nn.Dropout(dropout), nn.Linear(width, width))
+        self.inner = nn.Sequential(nn.Linear(width, width), nn.ReLU(), Dropout(dropout), nn.Linear(width, width))
 
     def forward(self, x: Tensor) -> Tensor:
         """``(B, width) -> (B, width)``."""

@@ -1,0 +1,195 @@
+"""Run a stage's body in several processes at once, started and watched by torch's own launcher, that of ``torchrun``.
+
+The body runs in each of them, on a device of its own; they share its work through ``torch.distributed``. They find each
+other through a file and speak over the loopback interface: nothing listens for other machines.
+"""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import signal
+import tempfile
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Any
+
+from juicer.errors import JuicerError, StageDied
+from stages.runtime.context import StageContext
+from stages.runtime.stage import StageCall, check_code
+from stages.runtime.voice import Told, mute, obituary, pass_on, work_for_parent
+
+POLL_SECONDS = 0.2
+FAREWELL_SECONDS = 5
+BEGUN = "begun"
+_LAUNCHERS = ("torch.distributed.elastic", "torch.multiprocessing")
+LOOPBACK = {"GLOO_SOCKET_IFNAME": "lo", "NCCL_SOCKET_IFNAME": "lo"}
+"""The interface that torch's two ways to communicate use."""
+
+
+def run_body(call: StageCall, context: StageContext) -> None:
+    """Run the body of a stage, in this process or in as many as the machine has for it; the draft has its summary then.
+
+    Raises:
+        ForeignCode: If there is other code here than the recipe names.
+        StageDied: If one of several processes ended without a word.
+        Exception: Whatever the body raised.
+    """
+    check_code(call)
+    if call.stage.facts.needs == "devices" and context.machine.processes > 1:
+        context.draft.summary |= _run_ranks(call, context)
+    else:
+        call.stage.body(context, **call.arguments)
+
+
+def _run_ranks(call: StageCall, context: StageContext) -> dict[str, Any]:
+    spawning = multiprocessing.get_context("spawn")
+    pipes = [spawning.Pipe(duplex=False) for _ in range(context.machine.processes)]
+    receiving, sending = [pipe[0] for pipe in pipes], [pipe[1] for pipe in pipes]
+    guarded, guard = spawning.Pipe(duplex=False)
+    with tempfile.TemporaryDirectory(prefix="juicer-ranks-") as folder, ThreadPoolExecutor(1) as pool:
+        # The launcher waits in a thread of its own: progress is heard, and may interrupt, in this one.
+        launched = pool.submit(_launch, call, mute(context), sending, guarded, Path(folder))
+        try:
+            return _listen(_Heard(context, call.recipe.stage), launched, receiving, sending)
+        finally:
+            # Whatever is still at work ends now.
+            for end in (guard, guarded, *sending):
+                end.close()
+
+
+def _launch(
+    call: StageCall, context: StageContext, sending: Sequence[Connection], guarded: Connection, folder: Path
+) -> int | None:
+    """Start the processes and wait for them; returns the exit status of one that failed."""
+    from torch.distributed.elastic.multiprocessing import DefaultLogsSpecs  # torch takes seconds to import
+    from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
+    from torch.distributed.launcher.api import LaunchConfig, elastic_launch
+
+    # What went wrong is told by the processes themselves, in a sentence.
+    for name in _LAUNCHERS:
+        logging.getLogger(name).addHandler(logging.NullHandler())
+        logging.getLogger(name).propagate = False
+    # Else it opens a port to all machines for the processes to meet at.
+    os.environ["TORCH_DISABLE_SHARE_RDZV_TCP_STORE"] = "1"
+    config = LaunchConfig(
+        min_nodes=1,
+        max_nodes=1,
+        nproc_per_node=len(sending),
+        run_id=context.draft.ref.id,
+        rdzv_backend="c10d",
+        rdzv_endpoint=str(folder / "launcher"),
+        rdzv_configs={"store_type": "file"},
+        local_addr="127.0.0.1",
+        max_restarts=0,
+        logs_specs=DefaultLogsSpecs(log_dir=str(folder)),
+        shutdown_timeout=FAREWELL_SECONDS,
+    )
+    try:
+        elastic_launch(config, _rank)(call, context, sending, guarded, folder / "processes")
+    except ChildFailedError as error:
+        return error.get_first_failure()[1].exitcode
+    return None
+
+
+def _listen(
+    heard: _Heard, launched: Future[int | None], receiving: Sequence[Connection], sending: Sequence[Connection]
+) -> dict[str, Any]:
+    """Hear the processes until all have ended; returns the summary of the first."""
+    numbers = {end: number for number, end in enumerate(receiving)}
+    while numbers:
+        if launched.done() or heard.begun == len(receiving):
+            # Every process has its own by now; without ours, what one was saying when it was killed comes to an end.
+            for end in sending:
+                end.close()
+        told = [(end, _next_word(end)) for end in wait(list(numbers), POLL_SECONDS) if isinstance(end, Connection)]
+        # One that ended without a word is why others fail in the same moment.
+        for end, word in sorted(told, key=lambda pair: pair[1] is not None):
+            heard.note(numbers[end], word)
+            if word is None:
+                del numbers[end]
+    return heard.conclude(launched.result())
+
+
+def _next_word(end: Connection) -> Told | None:
+    """What a process says next; None if it has ended."""
+    with suppress(EOFError):
+        told: Told = end.recv()
+        return told
+    return None
+
+
+class _Heard:
+    """What has been heard of the processes of a stage; the first one speaks for all of them.
+
+    Attributes:
+        begun: How many are at work, or were.
+    """
+
+    def __init__(self, context: StageContext, name: str) -> None:
+        self.begun = 0
+        self._context = context
+        self._name = name
+        self._summaries: dict[int, dict[str, Any]] = {}
+        self._failures: list[Exception | None] = []
+
+    def note(self, number: int, told: Told | None) -> None:
+        """Take down what a process said, or that it has ended."""
+        kind, content = told or ("end", None)
+        if kind == BEGUN:
+            self.begun += 1
+        elif kind == "summary":
+            self._summaries[number] = content
+        elif kind == "error" or (told is None and number not in self._summaries):
+            self._failures.append(content)
+        elif told and number == 0:
+            pass_on(told, self._context)
+
+    def conclude(self, status: int | None) -> dict[str, Any]:
+        """The summary, if all went well.
+
+        Args:
+            status: Exit status of a process that failed.
+        """
+        if not self._failures:
+            return self._summaries[0]
+        # What a user can mend, or else what came first, of which the others may be consequences.
+        cause = next((each for each in self._failures if isinstance(each, JuicerError)), self._failures[0])
+        was_killed = status is not None and status < 0 and status != -signal.SIGTERM
+        if cause is None or (was_killed and not isinstance(cause, JuicerError)):
+            raise StageDied(obituary(f"one of the processes of stage '{self._name}'", status))
+        raise cause
+
+
+def _rank(
+    call: StageCall, context: StageContext, sending: Sequence[Connection], guarded: Connection, meeting: Path
+) -> None:
+    """Work as one of the processes; the launcher says which in the environment."""
+    number, machine = int(os.environ["RANK"]), context.machine
+    for other, end in enumerate(sending):
+        if other != number:
+            end.close()
+    sending[number].send((BEGUN, None))
+    own = replace(context, machine=replace(machine, devices=(machine.devices[number % len(machine.devices)],)))
+    if not work_for_parent(
+        partial(_take_part, call, number, meeting), own, sending[number], guarded, call.recipe.stage
+    ):
+        # Without a farewell, for which another might wait.
+        os._exit(1)
+
+
+def _take_part(call: StageCall, number: int, meeting: Path, context: StageContext) -> None:
+    # One that waits for others within torch would not hear a gentle word.
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    check_code(call)
+    from juicer.training.ranks import Ranks, joined  # torch takes seconds to import
+
+    os.environ |= LOOPBACK
+    with joined(Ranks(number, context.machine.processes), context.machine.device, meeting):
+        call.stage.body(context, **call.arguments)

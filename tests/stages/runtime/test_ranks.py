@@ -1,0 +1,178 @@
+"""One training in several processes: the same as in one, and nothing is left behind, however it ends."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import socket
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.errors import ConfigError, StageDied
+from juicer.policy.checkpoint import load_checkpoint
+from juicer.storage.curves import read_curves
+from juicer.storage.dataset import DatasetRow, write_dataset
+from juicer.storage.episodes import write_episodes
+from juicer.training.config import PhysicalStateNoise, TrainingConfig
+from stages.runtime.context import StageInterrupted
+from stages.runtime.execution import perform_here
+from stages.runtime.machine import Machine
+from stages.runtime.session import Session
+from stages.train import TrainConfig, train
+
+POLICY = {
+    "horizons": {"obs": 1, "pred": 8, "action": 4},
+    "action_frame": "relative",
+    "head": {"kind": "diffusion", "denoiser": {"kind": "mlp", "width": 32, "blocks": 1, "step_embedding": 8}},
+}
+TRAINING = TrainingConfig(
+    steps=24, batch_size=15, warmup_steps=2, learning_rate=1e-3, ema_decay=0.9, validation_fraction=0.3,
+    validate_every=12, report_every=1, save_every=5,
+)
+CONFIG = TrainConfig(policy=POLICY, training=TRAINING)
+TWO = Machine(processes=2)
+
+
+class Watcher:
+    """Display that does something at a step."""
+
+    def __init__(self, step, act):
+        self.step, self.act = step, act
+
+    def started(self, stage, label):
+        def listen(done, total, **facts):
+            if done >= self.step and self.act:
+                act, self.act = self.act, None
+                act()
+
+        return listen
+
+    def finished(self, stage, label, state, summary):
+        pass
+
+
+@pytest.fixture
+def learn(tmp_path, episode_factory):
+    """Trains in a store of its own, so that nothing is reused."""
+
+    def run(machine=TWO, config=CONFIG, name="store", **changes):
+        session = Session(ArtifactStore(tmp_path / name), perform_here, machine=machine, **changes)
+        episodes = [episode_factory(30 + seed, seed=seed) for seed in range(5)]
+        with session.store.create(Recipe("by hand", "episodes")) as draft:
+            if not draft.adopted:
+                write_episodes(draft.path, episodes, {})
+        source = draft.ref
+        rows = [
+            DatasetRow(source.id, each.record.episode_id, each.record.source, "one_leg", str(place), 1.0, ())
+            for place, each in enumerate(episodes)
+        ]
+        with session.store.create(Recipe("by hand", "dataset")) as draft:
+            if not draft.adopted:
+                write_dataset(draft.path, rows)
+        ref = train(session, dataset=draft.ref, config=config)
+        folder = session.store.open(ref)
+        return load_checkpoint(folder), read_curves(folder), session.store.manifest(ref).summary
+
+    return run
+
+
+def descendants() -> set[int]:
+    """Processes that this one has started, and theirs."""
+    found, waiting = set(), [os.getpid()]
+    while waiting:
+        for children in Path(f"/proc/{waiting.pop()}/task").glob("*/children"):
+            with contextlib.suppress(OSError):
+                waiting += map(int, children.read_text().split())
+        found.update(waiting)
+    return found
+
+
+def working(pids):
+    """Those of some processes that run code of a training."""
+    return {pid for pid in pids if lives(pid) and b"multiprocessing" in Path(f"/proc/{pid}/cmdline").read_bytes()}
+
+
+def lives(pid):
+    try:
+        return "State:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def listening(pids):
+    """Addresses, in the kernel's hexadecimal form, at which processes wait for others."""
+    sockets = set()
+    for pid in pids:
+        for file in Path(f"/proc/{pid}/fd").glob("*"):
+            with contextlib.suppress(OSError):
+                sockets.add(os.readlink(file).removeprefix("socket:[").rstrip("]"))
+    lines = [
+        line.split() for table in ("tcp", "tcp6") for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]
+    ]
+    return {line[1].partition(":")[0] for line in lines if line[3] == "0A" and line[9] in sockets}
+
+
+def assert_close_weights(first, second):
+    for one, other in ((first.weights, second.weights), (first.ema, second.ema)):
+        for name, values in one.items():
+            assert torch.allclose(values, other[name], rtol=1e-3, atol=1e-5), name
+
+
+@pytest.mark.parametrize("noise", [None, PhysicalStateNoise(probability=0.5)], ids=["plain", "state_noise"])
+def test_two_processes_learn_what_one_does_and_listen_to_this_machine_only(learn, noise):
+    config = CONFIG.model_copy(update={"training": TRAINING.model_copy(update={"state_noise": noise})})
+    addresses = []
+    look = Watcher(3, lambda: addresses.append(listening(descendants() | {os.getpid()})))
+    alone, alone_curves, _ = learn(Machine(), config, "alone")
+    checkpoint, curves, summary = learn(TWO, config, "together", display=look)
+    assert curves.keys() == alone_curves.keys()
+    assert len(curves["train/loss"][1]) == TRAINING.steps
+    for name, (steps, values) in alone_curves.items():
+        assert curves[name][0] == steps
+        assert curves[name][1] == pytest.approx(values, rel=1e-4), name
+    assert_close_weights(alone, checkpoint)
+    assert summary["steps"] == TRAINING.steps
+    assert addresses[0] <= {"0100007F", "00000000000000000000000001000000"}
+
+
+def test_a_training_whose_process_is_killed_says_so_and_goes_on_later(learn):
+    def kill_one():
+        os.kill(max(working(descendants())), signal.SIGKILL)
+
+    with pytest.raises(StageDied, match=r"one of the processes of stage 'train' was ended by SIGKILL.* run it again"):
+        learn(display=Watcher(12, kill_one))
+    reports = []
+    resumed, curves, _ = learn(display=Watcher(1, lambda: reports.append("first")))
+    assert_close_weights(learn(Machine(), name="alone")[0], resumed)
+    assert curves["train/loss"][0] == tuple(range(1, TRAINING.steps + 1))
+    assert not working(descendants())
+
+
+def test_an_interrupt_ends_every_process(learn):
+    stop, begun = threading.Event(), set()
+
+    def interrupt():
+        begun.update(working(descendants()))
+        stop.set()
+
+    with pytest.raises(StageInterrupted):
+        learn(display=Watcher(3, interrupt), isolate=True, stop=stop)
+    deadline = time.monotonic() + 30
+    while any(map(lives, ours := begun & descendants() | begun)) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert len(begun) > 2
+    assert not {pid for pid in ours if lives(pid) and pid not in forkserver()}
+
+
+def test_a_mistake_is_told_in_the_sentence_that_one_process_would_use(learn):
+    config = CONFIG.model_copy(update={"training": TRAINING.model_copy(update={"batch_size": 1})})
+    with pytest.raises(ConfigError, match=r"^a batch of 1 .* cannot be shared by 2 processes; raise it"):
+        learn(config=config)
