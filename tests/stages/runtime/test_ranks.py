@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import multiprocessing
+import contextlib
 import os
 import signal
-import socket
+import threading
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 
 from juicer.artifacts.recipe import Recipe
-from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ConfigError, StageDied
 from juicer.policy.checkpoint import load_checkpoint
 from juicer.storage.curves import read_curves
 from juicer.storage.dataset import DatasetRow, write_dataset
 from juicer.storage.episodes import write_episodes
-from juicer.training.config import PhysicalStateNoise, TrainingConfig
+from juicer.training.config import TrainingConfig
 from stages.runtime.context import StageInterrupted
 from stages.runtime.execution import perform_here
 from stages.runtime.machine import Machine
@@ -34,10 +32,18 @@ POLICY = {
     "head": {"kind": "diffusion", "denoiser": {"kind": "mlp", "width": 32, "blocks": 1, "step_embedding": 8}},
 }
 TRAINING = TrainingConfig(
-    steps=24, batch_size=15, warmup_steps=2, learning_rate=1e-3, ema_decay=0.9, validation_fraction=0.3,
-    validate_every=12, report_every=1, save_every=5,
+    steps=24,
+    batch_size=15,
+    warmup_steps=2,
+    learning_rate=1e-3,
+    ema_decay=0.9,
+    validation_fraction=0.3,
+    validate_every=12,
+    report_every=1,
+    save_every=5,
 )
 CONFIG = TrainConfig(policy=POLICY, training=TRAINING)
+LONG = CONFIG.model_copy(update={"training": TRAINING.model_copy(update={"steps": 1500, "validate_every": 1500})})
 TWO = Machine(processes=2)
 
 
@@ -51,7 +57,7 @@ class Watcher:
         def listen(done, total, **facts):
             if done >= self.step and self.act:
                 act, self.act = self.act, None
-                act()
+                act(done)
 
         return listen
 
@@ -84,27 +90,35 @@ def learn(tmp_path, episode_factory):
     return run
 
 
-def descendants() -> set[int]:
-    """Processes that this one has started, and theirs."""
+def ranks():
+    """Processes that share the work of a stage, below this one."""
+    return {pid for pid in descendants() if b"spawn_main" in read(pid, "cmdline")}
+
+
+def descendants():
     found, waiting = set(), [os.getpid()]
     while waiting:
-        for children in Path(f"/proc/{waiting.pop()}/task").glob("*/children"):
-            with contextlib.suppress(OSError):
-                waiting += map(int, children.read_text().split())
-        found.update(waiting)
+        pid = waiting.pop()
+        children = [
+            int(child)
+            for task in Path(f"/proc/{pid}/task").glob("*")
+            for child in read(pid, f"task/{task.name}/children").split()
+        ]
+        found.update(children)
+        waiting += children
     return found
 
 
-def working(pids):
-    """Those of some processes that run code of a training."""
-    return {pid for pid in pids if lives(pid) and b"multiprocessing" in Path(f"/proc/{pid}/cmdline").read_bytes()}
+def read(pid, name):
+    try:
+        return Path(f"/proc/{pid}/{name}").read_bytes()
+    except OSError:
+        return b""
 
 
 def lives(pid):
-    try:
-        return "State:\tZ" not in Path(f"/proc/{pid}/status").read_text()
-    except (FileNotFoundError, ProcessLookupError):
-        return False
+    status = read(pid, "status")
+    return status and b"State:\tZ" not in status
 
 
 def listening(pids):
@@ -113,7 +127,7 @@ def listening(pids):
     for pid in pids:
         for file in Path(f"/proc/{pid}/fd").glob("*"):
             with contextlib.suppress(OSError):
-                sockets.add(os.readlink(file).removeprefix("socket:[").rstrip("]"))
+                sockets.add(str(file.readlink()).removeprefix("socket:[").rstrip("]"))
     lines = [
         line.split() for table in ("tcp", "tcp6") for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]
     ]
@@ -126,13 +140,11 @@ def assert_close_weights(first, second):
             assert torch.allclose(values, other[name], rtol=1e-3, atol=1e-5), name
 
 
-@pytest.mark.parametrize("noise", [None, PhysicalStateNoise(probability=0.5)], ids=["plain", "state_noise"])
-def test_two_processes_learn_what_one_does_and_listen_to_this_machine_only(learn, noise):
-    config = CONFIG.model_copy(update={"training": TRAINING.model_copy(update={"state_noise": noise})})
+def test_two_processes_learn_what_one_does_and_listen_to_this_machine_only(learn):
     addresses = []
-    look = Watcher(3, lambda: addresses.append(listening(descendants() | {os.getpid()})))
-    alone, alone_curves, _ = learn(Machine(), config, "alone")
-    checkpoint, curves, summary = learn(TWO, config, "together", display=look)
+    look = Watcher(3, lambda done: addresses.append(listening(descendants() | {os.getpid()})))
+    alone, alone_curves, _ = learn(Machine(), name="alone")
+    checkpoint, curves, summary = learn(name="together", display=look)
     assert curves.keys() == alone_curves.keys()
     assert len(curves["train/loss"][1]) == TRAINING.steps
     for name, (steps, values) in alone_curves.items():
@@ -143,33 +155,40 @@ def test_two_processes_learn_what_one_does_and_listen_to_this_machine_only(learn
     assert addresses[0] <= {"0100007F", "00000000000000000000000001000000"}
 
 
-def test_a_training_whose_process_is_killed_says_so_and_goes_on_later(learn):
-    def kill_one():
-        os.kill(max(working(descendants())), signal.SIGKILL)
-
+def test_a_training_of_which_a_process_is_killed_says_so_and_goes_on_later(learn):
     with pytest.raises(StageDied, match=r"one of the processes of stage 'train' was ended by SIGKILL.* run it again"):
-        learn(display=Watcher(12, kill_one))
+        learn(config=LONG, display=Watcher(30, lambda done: os.kill(max(ranks()), signal.SIGKILL)))
+    assert not ranks()
     reports = []
-    resumed, curves, _ = learn(display=Watcher(1, lambda: reports.append("first")))
-    assert_close_weights(learn(Machine(), name="alone")[0], resumed)
-    assert curves["train/loss"][0] == tuple(range(1, TRAINING.steps + 1))
-    assert not working(descendants())
+    _, curves, _ = learn(config=LONG, display=Watcher(1, reports.append))
+    assert reports[0] > 30
+    assert curves["train/loss"][0] == tuple(range(1, LONG.training.steps + 1))
+    _, alone, _ = learn(Machine(), config=LONG, name="alone")
+    assert curves["train/loss"][1][:60] == pytest.approx(alone["train/loss"][1][:60], rel=1e-3)
 
 
-def test_an_interrupt_ends_every_process(learn):
+def kill_the_parent(stop):
+    parent = read(min(ranks()), "stat").split()[3]
+    os.kill(int(parent), signal.SIGKILL)
+
+
+@pytest.mark.parametrize(
+    ("end", "error"), [(threading.Event.set, StageInterrupted), (kill_the_parent, StageDied)], ids=["stop", "kill"]
+)
+def test_the_end_of_a_stage_process_ends_all_that_share_its_work(learn, end, error):
     stop, begun = threading.Event(), set()
 
-    def interrupt():
-        begun.update(working(descendants()))
-        stop.set()
+    def act(done):
+        begun.update(ranks())
+        end(stop)
 
-    with pytest.raises(StageInterrupted):
-        learn(display=Watcher(3, interrupt), isolate=True, stop=stop)
+    with pytest.raises(error):
+        learn(config=LONG, display=Watcher(3, act), isolate=True, stop=stop)
+    assert len(begun) == 2
     deadline = time.monotonic() + 30
-    while any(map(lives, ours := begun & descendants() | begun)) and time.monotonic() < deadline:
+    while any(map(lives, begun)) and time.monotonic() < deadline:
         time.sleep(0.1)
-    assert len(begun) > 2
-    assert not {pid for pid in ours if lives(pid) and pid not in forkserver()}
+    assert not any(map(lives, begun))
 
 
 def test_a_mistake_is_told_in_the_sentence_that_one_process_would_use(learn):
