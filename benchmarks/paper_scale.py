@@ -1,9 +1,12 @@
-"""The paper's policy on one device: how fast it trains and acts there, and what it occupies.
+"""The paper's policy on a device: how fast it trains there, what it occupies, and how long 160,000 steps take.
 
-Records demonstrations of one_leg, trains the preset `paper`'s diffusion policy on them for some steps and evaluates the
-checkpoint, all through the stages that `juicer run` calls. On a machine with a GPU:
+Records demonstrations of one_leg, trains a preset's diffusion policy on them for some steps and evaluates it: one model
+of condition `bc`, as `juicer run` makes it, with images drawn and encoded where the preset has them. On a machine with
+a GPU:
 
-    python -m benchmarks.paper_scale --device cuda [--steps 300] [--demonstrations 6] [--episodes 8] [--max-steps 80]
+    python -m benchmarks.paper_scale --preset paper
+    python -m benchmarks.paper_scale --preset paper_image --training precision=bf16 memory_format=channels_last
+    python -m benchmarks.paper_scale --preset paper_image --device cuda:0,cuda:1 --processes 2
 """
 
 from __future__ import annotations
@@ -17,21 +20,15 @@ from pathlib import Path
 
 import torch
 
-from flows.config import parse_runs
+from flows.config import RunConfig, parse_runs
+from flows.loop import run_model
 from juicer.artifacts.store import ArtifactStore
-from juicer.demonstration.ingestion import IngestionConfig
-from juicer.training.mixing import DatasetConfig
-from stages.dataset import dataset
-from stages.evaluate import EvaluateConfig, evaluate
-from stages.ingest import ingest
-from stages.record import RecordConfig, record
 from stages.runtime.context import NoRecord
 from stages.runtime.execution import perform_here
 from stages.runtime.machine import Machine
 from stages.runtime.session import Session
-from stages.train import train
 
-TASK = {"task": "one_leg", "randomness": "low"}
+PAPER_STEPS = 160_000
 
 
 class Clock(NoRecord):
@@ -49,48 +46,65 @@ class Clock(NoRecord):
         self.reports.append((step, time.perf_counter(), dict(metrics)))
 
 
+def configured(arguments: argparse.Namespace) -> RunConfig:
+    """One model of the preset, trained for a few steps."""
+    steps = {
+        "policies.diffusion.training.steps": arguments.steps,
+        "policies.diffusion.training.warmup_steps": arguments.steps // 10,
+        "policies.diffusion.training.report_every": 20,
+        "record.demonstrations": arguments.demonstrations,
+        "evaluate.episodes": arguments.episodes,
+        "evaluate.max_steps": arguments.max_steps,
+    }
+    overrides = [
+        *(f"{key}={value}" for key, value in steps.items()),
+        *(f"policies.diffusion.training.{each}" for each in arguments.training),
+    ]
+    (config,) = parse_runs({"base": arguments.preset, "condition": "bc"}, "the preset", overrides)
+    return config
+
+
 def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--preset", default="paper")
     parser.add_argument("--device", default="cuda")
+    parser.add_argument("--processes", type=int, default=1, help="that train the policy, each on a device")
+    parser.add_argument("--loaders", type=int, help="processes that gather the batches of each")
     parser.add_argument("--steps", type=int, default=300)
     parser.add_argument("--demonstrations", type=int, default=6)
     parser.add_argument("--episodes", type=int, default=8)
     parser.add_argument("--max-steps", type=int, default=80)
+    parser.add_argument("--training", nargs="+", default=[], metavar="KEY=VALUE", help="other settings of training")
     arguments = parser.parse_args()
-    (config,) = parse_runs({"base": "paper", "condition": "bc"}, "the preset")
-    config = config.policies["diffusion"]
-    training = config.training.model_copy(
-        update={"steps": arguments.steps, "warmup_steps": arguments.steps // 10, "report_every": 20}
+    config, clock, is_gpu = configured(arguments), Clock(), arguments.device != "cpu"
+    machine = Machine(
+        os.cpu_count() or 1,
+        num_envs=min(arguments.episodes, 32),
+        devices=tuple(arguments.device.split(",")),
+        processes=arguments.processes,
+        loaders=arguments.loaders,
     )
-    clock = Clock()
     with tempfile.TemporaryDirectory() as folder:
-        session = Session(
-            ArtifactStore(Path(folder)),
-            perform_here,
-            record=clock,
-            machine=Machine(os.cpu_count() or 1, num_envs=min(arguments.episodes, 32), devices=(arguments.device,)),
-        )
-        logs = record(session, config=RecordConfig(**TASK, demonstrations=arguments.demonstrations))
-        demonstrations = ingest(session, logs=logs, config=IngestionConfig(task="one_leg"))
-        mixed = dataset(session, episodes=(demonstrations,), config=DatasetConfig())
-        checkpoint = train(session, dataset=mixed, config=config.model_copy(update={"training": training}))
-        memory = torch.cuda.max_memory_allocated() / 2**30 if arguments.device != "cpu" else 0.0
-        begun = time.perf_counter()
-        scope = EvaluateConfig(**TASK, episodes=arguments.episodes, max_steps=arguments.max_steps)
-        evaluation = evaluate(session, checkpoint=checkpoint, config=scope)
-        acted = time.perf_counter() - begun
-        summary, found = (session.store.manifest(ref).summary for ref in (checkpoint, evaluation))
-        losses = [entry for entry in clock.reports if "train/loss" in entry[2]]
-        (first, first_time, begin), (last, last_time, end) = losses[1], losses[-1]
-        rows = {
-            "device": torch.cuda.get_device_name() if arguments.device != "cpu" else "cpu",
-            "parameters": f"{summary['num_parameters'] / 1e6:.2f} M",
-            "training steps/s": f"{(last - first) / (last_time - first_time):.1f}",
-            "loss": f"{begin['train/loss']:.4f} at step {first}, {end['train/loss']:.4f} at step {last}",
-            "GPU memory at most": f"{memory:.2f} GiB",
-            "success": f"{found['successes']} of {found['episodes']} episodes, {acted:.1f} s",
-        }
+        session = Session(ArtifactStore(Path(folder)), perform_here, record=clock, machine=machine)
+        outcome = run_model(session, config, "bc", seed=0)
+        trained, evaluated = (session.store.manifest(ref).summary for ref in (outcome.checkpoint, outcome.evaluation))
+    losses = [entry for entry in clock.reports if "train/loss" in entry[2]]
+    # The first report pays for compilation and for filling what is gathered ahead.
+    (first, first_time, begin), (last, last_time, end) = losses[1], losses[-1]
+    rate = (last - first) / (last_time - first_time)
+    rows = {
+        "device": torch.cuda.get_device_name() if is_gpu else "cpu",
+        "processes": arguments.processes,
+        "precision": trained["precision"],
+        "parameters": f"{trained['num_parameters'] / 1e6:.2f} M",
+        "training steps/s": f"{rate:.2f}, validations and saves included",
+        f"hours of {PAPER_STEPS:,}": f"{PAPER_STEPS / rate / 3600:.1f}",
+        "loss": f"{begin['train/loss']:.4f} at step {first}, {end['train/loss']:.4f} at step {last}",
+        "success": f"{evaluated['successes']} of {evaluated['episodes']} episodes",
+    }
+    if is_gpu and arguments.processes == 1:
+        rows["GPU memory at most"] = f"{torch.cuda.max_memory_allocated() / 2**30:.2f} GiB"
     for name, value in rows.items():
         print(f"{name:20} {value}")
 

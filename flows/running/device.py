@@ -19,20 +19,20 @@ def check_device(settings: Settings) -> None:
         settings: Facts about this machine.
 
     Raises:
-        ConfigError: Saying what torch finds instead.
+        ConfigError: Saying what torch finds instead, or that a training needs more of them than there are.
     """
     if settings.device == "cpu" or settings.cluster:
         return
-    import torch  # takes seconds, and processors need no asking
-
-    gpus = torch.cuda.device_count() if torch.cuda.is_available() else 0
-    if lack := lack_of(settings.devices, gpus, torch.version.cuda or torch.version.hip):
-        raise ConfigError(f"{lack}; {REMEDY}")
     if settings.train_processes > len(settings.devices):
         raise ConfigError(
             f"environment variable {PREFIX}TRAIN_PROCESSES: {settings.train_processes} processes need a device each, "
             f"and {PREFIX}DEVICE names {len(settings.devices)}"
         )
+    import torch  # takes seconds, and processors need no asking
+
+    gpus = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    if lack := lack_of(settings.devices, gpus, torch.version.cuda or torch.version.hip):
+        raise ConfigError(f"{lack}; {REMEDY}")
 
 
 def lack_of(devices: Sequence[str], gpus: int, toolkit: str | None) -> str:

@@ -77,7 +77,9 @@ class Ranks:
                 "batch normalisation needs the whole batch, which several processes share on GPUs only; set "
                 "JUICER_TRAIN_PROCESSES=1, or choose an encoder with GroupNorm"
             )
-        return DistributedDataParallel(loss, device_ids=devices, forward_sync_buffers=False, gradient_as_bucket_view=True)
+        return DistributedDataParallel(
+            loss, device_ids=devices, forward_sync_buffers=False, gradient_as_bucket_view=True
+        )
 
 
 def current_ranks() -> Ranks:

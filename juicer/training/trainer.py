@@ -97,7 +97,7 @@ def train(
         ConfigError: If settings contradict each other, or there is no such device.
         TrainingFailed: If there is too little data, or windows leave out most of it, or the loss is no longer a number.
     """
-    torch_device, ranks = usable_device(device), current_ranks()
+    torch_device = usable_device(device)
     _check_noise(policy, config)
     episodes = concatenate(sources)
     sides = cut_sides(episodes, policy.horizons, config, seed)
@@ -106,33 +106,28 @@ def train(
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
         network = build_policy(policy, tasks, torch_seed(seed, "weights"))
-        loaders = _default_loaders(network, torch_device) if loaders is None else loaders
-        # Processes beside the training have no use of its GPU: windows, and what prepares them, are not on it then.
-        home = torch.device("cpu") if loaders else torch_device
-        windows = window_sources(episodes, sides, network.to(home), config, seed, home)
-        network = network if home == torch_device else copy.deepcopy(network).to(torch_device)
-        learner = Learner(network, config, torch_device, ranks)
-        order = BatchOrder(len(windows.learned), config.batch_size, seed, window_weights(episodes, sides[0]))
-        feed = Feed(windows.learned, order, config.state_noise, seed, ranks.part(config.batch_size))
-        batches = partial(feed.batches, loaders=loaders, device=torch_device)
-        loop = _Loop(learner, batches, windows, config, ranks, metrics or NullMetricSink())
+        loop = _set_up(episodes, sides, network, config, seed, torch_device, loaders, metrics or NullMetricSink())
         identity = training_identity(episodes, _settings(policy, tasks, config, seed))
         facts = loop.run(identity, scratch, progress)
-    metadata = CheckpointMetadata(
-        schema_version=SCHEMA_VERSION,
-        policy=policy,
-        tasks=dict(tasks),
-        acting_weights="raw" if learner.ema is None else "ema",
-        step=config.steps,
-    )
-    ema = None if learner.ema is None else _on_cpu(learner.ema)
-    machine = {"device": torch_device.type, "precision": learner.precision}
+    machine = {"device": torch_device.type, "precision": loop.learner.precision}
     return TrainedCheckpoint(
-        checkpoint=Checkpoint(metadata, _on_cpu(network), ema),
+        checkpoint=_checkpoint(loop.learner, config.steps),
         facts={**machine, **facts},
         use=use,
         losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
     )
+
+
+def _checkpoint(learner: Learner, step: int) -> Checkpoint:
+    network = learner.network
+    metadata = CheckpointMetadata(
+        schema_version=SCHEMA_VERSION,
+        policy=network.config,
+        tasks=dict(network.tasks),
+        acting_weights="raw" if learner.ema is None else "ema",
+        step=step,
+    )
+    return Checkpoint(metadata, _on_cpu(network), None if learner.ema is None else _on_cpu(learner.ema))
 
 
 def cut_sides(
@@ -176,8 +171,34 @@ def window_sources(
     return WindowSources(learned=tables[0], held_out=tables[1] if len(tables) > 1 else None)
 
 
+def _set_up(
+    episodes: TrainingEpisodes,
+    sides: tuple[Windows, Windows],
+    network: PolicyNetwork,
+    config: TrainingConfig,
+    seed: int,
+    device: torch.device,
+    loaders: int | None,
+    metrics: MetricSink,
+) -> _Loop:
+    """Bring together what learns, what it learns from, and who gathers that."""
+    ranks = current_ranks()
+    loaders = _default_loaders(network, device) if loaders is None else loaders
+    # Processes beside the training have no use of its GPU: windows, and what prepares them, are not on it then.
+    home = torch.device("cpu") if loaders else device
+    windows = window_sources(episodes, sides, network.to(home), config, seed, home)
+    learner = Learner(network if home == device else copy.deepcopy(network).to(device), config, device, ranks)
+    order = BatchOrder(len(windows.learned), config.batch_size, seed, window_weights(episodes, sides[0]))
+    feed = Feed(windows.learned, order, config.state_noise, seed, ranks.part(config.batch_size))
+    return _Loop(learner, partial(feed.batches, loaders=loaders, device=device), windows, config, ranks, metrics)
+
+
 class _Loop:
-    """Steps, reports, validations and saves in their order."""
+    """Steps, reports, validations and saves in their order.
+
+    Attributes:
+        learner: What takes the steps.
+    """
 
     def __init__(
         self,
@@ -188,7 +209,7 @@ class _Loop:
         ranks: Ranks,
         metrics: MetricSink,
     ) -> None:
-        self._learner = learner
+        self.learner = learner
         self._batches = batches
         self._held_out = windows.held_out
         self._config = config
@@ -207,7 +228,7 @@ class _Loop:
         first = self._resume(identity, scratch)
         started = time.monotonic()
         for step, batch in enumerate(self._batches(first, config.steps), first):
-            self._loss_sum += self._learner.learn(batch, step)
+            self._loss_sum += self.learner.learn(batch, step)
             done = step + 1
             if done % config.report_every == 0 or done == config.steps:
                 self._report(done)
@@ -219,7 +240,7 @@ class _Loop:
             if done % config.validate_every == 0 or done == config.steps:
                 self._validate(done)
             if scratch is not None and done % config.save_every == 0 and done < config.steps:
-                tensors = {**self._learner.tensors(), "loss_sum": self._loss_sum}
+                tensors = {**self.learner.tensors(), "loss_sum": self._loss_sum}
                 save_state(scratch, TrainingState(identity, done, tensors))
         return self._facts
 
@@ -227,7 +248,7 @@ class _Loop:
         state = None if scratch is None else load_state(scratch, identity)
         if state is None:
             return 0
-        self._learner.restore(state.tensors, state.step)
+        self.learner.restore(state.tensors, state.step)
         self._loss_sum.copy_(state.tensors["loss_sum"])
         return state.step
 
@@ -245,7 +266,7 @@ class _Loop:
 
     def _validate(self, done: int) -> None:
         if self._held_out is not None:
-            self._record(validate(self._learner.acting, self._held_out), done)
+            self._record(validate(self.learner.acting, self._held_out), done)
 
     def _record(self, metrics: Mapping[str, float], step: int) -> None:
         if self._ranks.leads:

@@ -136,12 +136,12 @@ class _Heard:
         self.begun = 0
         self._context = context
         self._name = name
-        self._summaries: dict[int, dict[str, Any]] = {}
+        self._summaries: dict[int, Any] = {}
         self._failures: list[Exception | None] = []
 
     def note(self, number: int, told: Told | None) -> None:
         """Take down what a process said, or that it has ended."""
-        kind, content = told or ("end", None)
+        kind, content = ("end", None) if told is None else told
         if kind == BEGUN:
             self.begun += 1
         elif kind == "summary":
@@ -158,7 +158,8 @@ class _Heard:
             status: Exit status of a process that failed.
         """
         if not self._failures:
-            return self._summaries[0]
+            summary: dict[str, Any] = self._summaries[0]
+            return summary
         # What a user can mend, or else what came first, of which the others may be consequences.
         cause = next((each for each in self._failures if isinstance(each, JuicerError)), self._failures[0])
         was_killed = status is not None and status < 0 and status != -signal.SIGTERM

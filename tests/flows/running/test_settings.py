@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from flows.running.device import check_device
 from flows.running.settings import read_settings
 from juicer.errors import ConfigError
 
@@ -33,6 +34,20 @@ def test_devices_are_counted_once_each(monkeypatch):
     assert read_settings().machine.devices == ("cuda:0", "cuda:1")
 
 
+def test_processes_of_a_training_are_a_fact_about_the_machine(monkeypatch):
+    assert (read_settings().machine.processes, read_settings().machine.loaders) == (1, None)
+    monkeypatch.setenv("JUICER_TRAIN_PROCESSES", "2")
+    monkeypatch.setenv("JUICER_LOADERS", "0")
+    assert (read_settings().machine.processes, read_settings().machine.loaders) == (2, 0)
+
+
+def test_more_processes_than_devices_are_refused_before_anything_starts(monkeypatch):
+    monkeypatch.setenv("JUICER_DEVICE", "cuda:0,cuda:1")
+    monkeypatch.setenv("JUICER_TRAIN_PROCESSES", "3")
+    with pytest.raises(ConfigError, match=r"JUICER_TRAIN_PROCESSES: 3 processes need a device each.* names 2$"):
+        check_device(read_settings())
+
+
 @pytest.mark.parametrize(
     ("runner", "kind", "cluster"),
     [
@@ -57,6 +72,8 @@ def test_an_address_says_whose_cluster_it_is(monkeypatch, runner, kind, cluster)
         ("JUICER_WORKERS", "1e9", r"JUICER_WORKERS: must be a whole number, got '1e9'"),
         ("JUICER_WORKERS", "9" * 5000, r"JUICER_WORKERS: must be .*, got"),
         ("JUICER_NUM_ENVS", "1000000000", r"JUICER_NUM_ENVS: must be at most 4096"),
+        ("JUICER_TRAIN_PROCESSES", "0", r"JUICER_TRAIN_PROCESSES: must be at least 1, got '0'"),
+        ("JUICER_LOADERS", "some", r"JUICER_LOADERS: .*got 'some'"),
         ("JUICER_SPREAD", "1", r"JUICER_SPREAD is not known; JUICER_RUNNER now says where stages run"),
         ("JUICER_RUNNER", "perhaps", r"JUICER_RUNNER: must be threads, dask, ray, or .*, got 'perhaps'"),
         ("JUICER_RUNNER", "tcp://lab", r"JUICER_RUNNER: .*got 'tcp://lab'"),

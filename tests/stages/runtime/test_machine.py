@@ -52,6 +52,18 @@ def test_each_lease_is_of_another_device_and_the_next_one_waits(machine):
         assert again.device == "cuda:0"
 
 
+def test_a_training_on_several_devices_leases_all_of_them_or_none(machine):
+    three = replace(machine, devices=("cuda:0", "cuda:1", "cuda:2"))
+    with three.leased(give_up, 2) as pair:
+        assert pair.devices == ("cuda:0", "cuda:1")
+        with pytest.raises(Waits), three.leased(give_up, 2):
+            pass
+        with three.leased(give_up) as single:
+            assert single.devices == ("cuda:2",)
+    with three.leased(give_up, 3) as all_of_them:
+        assert len(all_of_them.devices) == 3
+
+
 def test_one_device_by_two_names_is_one_device(machine):
     unnumbered, numbered = replace(machine, devices=("cuda",)), replace(machine, devices=("cuda:0",))
     with unnumbered.leased(give_up), pytest.raises(Waits), numbered.leased(give_up):
@@ -112,7 +124,7 @@ def test_an_interrupt_ends_the_wait_for_a_device(toys, session, machine, diary):
     assert diary.progress[0] == (0, 0, {"waiting_for": "cuda:0"})
 
 
-def test_a_training_needs_a_device():
+def test_a_training_needs_as_many_devices_as_processes():
     from stages.train import train
 
-    assert train.facts.needs == "device"
+    assert train.facts.needs == "devices"
