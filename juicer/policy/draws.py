@@ -49,17 +49,17 @@ def drawing_for(part: Part | None) -> Iterator[None]:
         _part = outer
 
 
-def randn(shape: Sequence[int], device: torch.device) -> Tensor:
+def randn(shape: Sequence[int], device: torch.device | None = None) -> Tensor:
     """Normal noise; as everywhere here, ``shape`` begins with the samples, or with several rows of each in a line."""
     return _own(lambda rows: torch.randn(rows, *shape[1:], device=device), shape[0])
 
 
-def rand(shape: Sequence[int], device: torch.device) -> Tensor:
+def rand(shape: Sequence[int], device: torch.device | None = None) -> Tensor:
     """Uniform in [0, 1)."""
     return _own(lambda rows: torch.rand(rows, *shape[1:], device=device), shape[0])
 
 
-def randint(high: int, shape: Sequence[int], device: torch.device) -> Tensor:
+def randint(high: int, shape: Sequence[int], device: torch.device | None = None) -> Tensor:
     """Integers from 0 to ``high - 1``."""
     return _own(lambda rows: torch.randint(high, (rows, *shape[1:]), device=device), shape[0])
 

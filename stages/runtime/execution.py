@@ -78,7 +78,8 @@ def _fill(call: StageCall, session: Session, draft: Draft) -> None:
 
     if need := stage.facts.needs:
         count = session.machine.processes if need == "devices" else 1
-        waiting_for = (" and " if count > 1 else " or ").join(session.machine.devices)
+        devices = session.machine.devices
+        waiting_for = " or ".join(devices) if count == 1 else f"{count} of {', '.join(devices)}"
         with session.machine.leased(lambda: progress(0, 0, waiting_for=waiting_for), count) as own:
             run(own)
     else:
