@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from itertools import chain
 from typing import ClassVar
 
+import torch
 from torch import Tensor, nn
 
 from juicer.episode import SIMULATOR, ArraySpec
@@ -14,7 +15,8 @@ from juicer.errors import ConfigError
 from juicer.policy.condition import Condition, ConditionSizes
 from juicer.policy.config import TASK_KEY, PolicyConfig
 from juicer.policy.members import EncoderConfig
-from juicer.policy.tasks import Tasks
+from juicer.policy.tasks import PART_POSES, Tasks
+from juicer.views import ImageSpec
 
 PROPRIOCEPTION = SIMULATOR["proprioception"]
 
@@ -44,7 +46,7 @@ class ObservationEncoder(nn.Module, ABC):
 
     @abstractmethod
     def fit(self, observations: Mapping[str, Tensor]) -> None:
-        """Learn limits from the lessons ``(..., *shape)`` of the training windows."""
+        """Learn limits from the lessons ``(..., *shape)`` of the training windows, images left out."""
 
     @abstractmethod
     def prepare(self, observations: Mapping[str, Tensor]) -> Tensor:
@@ -72,6 +74,8 @@ class Encoders(nn.Module):
         names: What the encoders are called.
         observations: What all of them see, and proprioception, in whose frame actions are given.
         lessons: What they are shown in training.
+        lesson_images: The images among that.
+        lesson_numbers: The rest of it.
         sizes: Sizes of the condition that they yield.
 
     Raises:
@@ -87,6 +91,8 @@ class Encoders(nn.Module):
         )
         self.observations = _together(encoder.observations for _, encoder in self.items())
         self.lessons = _together(encoder.lessons for _, encoder in self.items())
+        self.lesson_images = tuple(spec for spec in self.lessons if isinstance(spec, ImageSpec))
+        self.lesson_numbers = tuple(spec for spec in self.lessons if not isinstance(spec, ImageSpec))
         self.embedding = nn.Embedding(len(tasks), config.task_embedding) if len(tasks) > 1 else None
         self.sizes: ConditionSizes = {name: encoder.token_size for name, encoder in self.items()}
         if self.embedding is not None:
@@ -98,6 +104,30 @@ class Encoders(nn.Module):
             assert isinstance(encoder, ObservationEncoder)
             yield name, encoder
 
+    @property
+    def with_images(self) -> tuple[str, ...]:
+        """Names of those that are shown images in training: too many to be prepared before they are needed."""
+        shown = {name: encoder.lessons for name, encoder in self.items()}
+        return tuple(name for name, specs in shown.items() if any(isinstance(spec, ImageSpec) for spec in specs))
+
+    @property
+    def without_images(self) -> tuple[str, ...]:
+        """Names of the others."""
+        return tuple(name for name in self.names if name not in self.with_images)
+
+    @property
+    def account(self) -> str:
+        """What the policy sees, and what it was taught with that it does not see: a result is never told without it.
+
+        E.g. ``state``, ``images``, or ``images, poses in training``.
+        """
+        seen = {spec.name for spec in self.observations}
+        images = any(isinstance(spec, ImageSpec) for spec in self.observations)
+        poses = PART_POSES in seen
+        taught = PART_POSES in {spec.name for spec in self.lessons} and not poses
+        told = {"images": images, "state": poses, "proprioception": not (images or poses), "poses in training": taught}
+        return ", ".join(what for what, is_so in told.items() if is_so)
+
     def fit(self, observations: Mapping[str, Tensor]) -> None:
         """See :class:`ObservationEncoder`."""
         for _, encoder in self.items():
@@ -107,9 +137,10 @@ class Encoders(nn.Module):
         """What every encoder prepares of observations ``(..., *shape)``, and the number of the task."""
         return self._with_task({name: encoder.prepare(observations) for name, encoder in self.items()}, observations)
 
-    def prepare_lessons(self, lessons: Mapping[str, Tensor]) -> Prepared:
-        """The same of what they are shown in training."""
-        return self._with_task({name: encoder.prepare_lessons(lessons) for name, encoder in self.items()}, lessons)
+    def prepare_lessons(self, lessons: Mapping[str, Tensor], names: Collection[str] | None = None) -> Prepared:
+        """The same of what they are shown in training; of those called ``names`` only, if some are named."""
+        chosen = {name: encoder for name, encoder in self.items() if names is None or name in names}
+        return self._with_task({name: each.prepare_lessons(lessons) for name, each in chosen.items()}, lessons)
 
     def forward(self, prepared: Prepared) -> Condition:
         """Condition of prepared rows ``(B, T_o, ...)``."""
@@ -120,6 +151,12 @@ class Encoders(nn.Module):
 
     def _with_task(self, prepared: Prepared, shown: Mapping[str, Tensor]) -> Prepared:
         return prepared if self.embedding is None else {**prepared, TASK_KEY: shown[TASK_KEY]}
+
+
+def outline(config: PolicyConfig, tasks: Tasks) -> Encoders:
+    """Encoders without memory behind their weights, to ask what they see and are shown."""
+    with torch.device("meta"):
+        return Encoders(config, tasks)
 
 
 def _together(observations: Iterable[tuple[ArraySpec, ...]]) -> tuple[ArraySpec, ...]:

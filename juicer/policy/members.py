@@ -6,7 +6,9 @@ from typing import Annotated
 
 from pydantic import Field
 
+from juicer.config import models_in
 from juicer.policy.family import Family, MemberConfig
+from juicer.views import View
 
 MOST_BLOCKS = 64
 
@@ -18,6 +20,11 @@ Blocks = Annotated[int, Field(gt=0, le=MOST_BLOCKS)]
 
 class EncoderConfig(MemberConfig):
     """How some observations become a part of the condition; see :class:`juicer.policy.encoder.ObservationEncoder`."""
+
+    @property
+    def learned_views(self) -> tuple[View, ...]:
+        """Views of which it is shown images in training: all that it names, unless it learns from something else."""
+        return tuple(model for model in models_in(self) if isinstance(model, View))
 
 
 class ChunkConfig(MemberConfig):

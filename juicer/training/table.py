@@ -26,7 +26,8 @@ ENCODED_AT_ONCE = 8192
 class WindowTable:
     """The windows of some episodes in memory, with their features and action chunks.
 
-    Rows cost ``4 * 10 * T_p`` bytes a window and ``4 * F`` a step: about 1.6 kB, 90 MB for 60,000 steps.
+    Rows cost ``4 * 10 * T_p`` bytes a window and ``4 * F`` a step: about 1.6 kB, 90 MB for 60,000 steps. Images stay
+    where they are, and are prepared when a batch takes them.
     """
 
     def __init__(
@@ -46,6 +47,7 @@ class WindowTable:
         self._observations = {
             name: torch.from_numpy(values).to(device) for name, values in _observed(network, episodes).items()
         }
+        self._images = {name: torch.from_numpy(values) for name, values in _looked_at(network, episodes).items()}
         self._actions = torch.from_numpy(episodes.actions).to(device)
         self._obs_steps = torch.from_numpy(windows.obs_steps).to(device)
         self._action_steps = torch.from_numpy(windows.action_steps).to(device)
@@ -57,6 +59,11 @@ class WindowTable:
     def __len__(self) -> int:
         """Number of windows."""
         return len(self._obs_steps)
+
+    @property
+    def image_bytes(self) -> int:
+        """See :class:`juicer.training.source.WindowSource`."""
+        return self._obs_steps.shape[1] * sum(images[0].nbytes for images in self._images.values())
 
     def fit(self, noise: StateNoise | None = None) -> None:
         """Give the network the limits of what these windows will show it, physical state noise included."""
@@ -72,26 +79,29 @@ class WindowTable:
     def normalize(self) -> None:
         """Apply the network's limits; needed once before batches are taken."""
         self._chunks = self._network.action_normalizer.normalize(self._chunks)
-        self._prepared = self._network.encoders.prepare_lessons(self._observations)
+        encoders = self._network.encoders
+        self._prepared = encoders.prepare_lessons(self._observations, encoders.without_images)
 
     @torch.no_grad()
     def gather(self, rows: Tensor, noise: StateNoise | None = None) -> Batch:
         """See :class:`juicer.training.source.WindowSource`."""
-        steps = self._obs_steps[rows]
+        encoders, steps = self._network.encoders, self._obs_steps[rows]
         prepared = {name: values[steps] for name, values in self._prepared.items()}
+        seen = {name: values[steps] for name, values in self._observations.items()}
         chunk = self._chunks[rows]
         num_noisy = round(noise.probability * len(rows)) if noise else 0
         if isinstance(noise, PhysicalStateNoise):
-            seen = {name: values[steps[:num_noisy]] for name, values in self._observations.items()}
-            seen = perturb_observations(seen, noise)
-            for name, values in self._network.encoders.prepare_lessons(seen).items():
-                prepared[name][:num_noisy] = values
+            moved = perturb_observations({name: values[:num_noisy] for name, values in seen.items()}, noise)
+            _replace(seen, moved)
+            _replace(prepared, encoders.prepare_lessons(moved, encoders.without_images))
             absolute = self._actions[self._action_steps[rows[:num_noisy]]]
-            chunk[:num_noisy] = self._network.encode_actions(absolute, seen["proprioception"][:, -1])
+            chunk[:num_noisy] = self._network.encode_actions(absolute, moved["proprioception"][:, -1])
         elif isinstance(noise, OriginalStateNoise):
             clean = {name: values[:num_noisy] for name, values in prepared.items()}
-            for name, values in perturb_prepared(clean, noise, self._network.encoders).items():
-                prepared[name][:num_noisy] = values
+            _replace(prepared, perturb_prepared(clean, noise, encoders))
+        if self._images:
+            seen |= {name: values[steps.cpu()].to(steps.device) for name, values in self._images.items()}
+            prepared |= encoders.prepare_lessons(seen, encoders.with_images)
         return Batch(prepared, chunk, self._weights[rows])
 
     def recorded(self, rows: Tensor) -> tuple[Tensor, Tensor]:
@@ -105,9 +115,15 @@ class WindowTable:
         return torch.cat([encode(self._actions[self._action_steps[rows]], proprioception[rows]) for rows in blocks])
 
 
+def _replace(rows: Mapping[str, Tensor], leading: Mapping[str, Tensor]) -> None:
+    """Put other values into the leading rows of tensors."""
+    for name, values in leading.items():
+        rows[name][: len(values)] = values
+
+
 def _observed(network: PolicyNetwork, episodes: TrainingEpisodes) -> Mapping[str, NDArray[Any]]:
-    """What a network is shown of episodes in training."""
-    names = [spec.name for spec in network.encoders.lessons]
+    """What a network is shown of episodes in training, but for images."""
+    names = [spec.name for spec in network.encoders.lesson_numbers]
     if len(network.tasks) > 1:
         names.append(TASK_KEY)
     for name in names:
@@ -117,3 +133,12 @@ def _observed(network: PolicyNetwork, episodes: TrainingEpisodes) -> Mapping[str
                 f"{', '.join(sorted(episodes.observations))}"
             )
     return {name: episodes.observations[name] for name in names}
+
+
+def _looked_at(network: PolicyNetwork, episodes: TrainingEpisodes) -> Mapping[str, NDArray[np.uint8]]:
+    """Images that a network is shown in training."""
+    specs = network.encoders.lesson_images
+    for spec in specs:
+        if spec.name not in episodes.images:
+            raise TrainingFailed(f"the policy looks at {spec.view}, of which it is given no images to learn from")
+    return {spec.name: episodes.images[spec.name] for spec in specs}
