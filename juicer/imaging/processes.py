@@ -122,9 +122,7 @@ def _work(link: Connection, task: str, view: View) -> None:
         link.send(gl_name())
         while True:
             scenes = link.recv()
-            link.send(
-                np.stack([renderer.draw(each, view, at) for each, at in zip(*scenes, strict=True)])
-            )
+            link.send(np.stack([renderer.draw(each, view, at) for each, at in zip(*scenes, strict=True)]))
     except (EOFError, BrokenPipeError, KeyboardInterrupt):
         return
     except Exception as error:

@@ -27,7 +27,7 @@ class WindowTable:
     """The windows of some episodes in memory, with their features and action chunks.
 
     Rows cost ``4 * 10 * T_p`` bytes a window and ``4 * F`` a step: about 1.6 kB, 90 MB for 60,000 steps. Images stay
-    where they are, and are prepared when a batch takes them.
+    where they are, and a batch takes what it needs.
     """
 
     def __init__(
@@ -47,6 +47,7 @@ class WindowTable:
         self._observations = {
             name: torch.from_numpy(values).to(device) for name, values in _observed(network, episodes).items()
         }
+        # They stay outside the device, and mostly outside the memory: a batch takes what it needs.
         self._images = {name: torch.from_numpy(values) for name, values in _looked_at(network, episodes).items()}
         self._actions = torch.from_numpy(episodes.actions).to(device)
         self._obs_steps = torch.from_numpy(windows.obs_steps).to(device)
@@ -79,29 +80,25 @@ class WindowTable:
     def normalize(self) -> None:
         """Apply the network's limits; needed once before batches are taken."""
         self._chunks = self._network.action_normalizer.normalize(self._chunks)
-        encoders = self._network.encoders
-        self._prepared = encoders.prepare_lessons(self._observations, encoders.without_images)
+        self._prepared = self._network.encoders.prepare_lessons({**self._observations, **self._images})
 
     @torch.no_grad()
     def gather(self, rows: Tensor, noise: StateNoise | None = None) -> Batch:
         """See :class:`juicer.training.source.WindowSource`."""
-        encoders, steps = self._network.encoders, self._obs_steps[rows]
-        prepared = {name: values[steps] for name, values in self._prepared.items()}
-        seen = {name: values[steps] for name, values in self._observations.items()}
+        steps = self._obs_steps[rows]
+        prepared = _rows(self._prepared, steps)
         chunk = self._chunks[rows]
         num_noisy = round(noise.probability * len(rows)) if noise else 0
         if isinstance(noise, PhysicalStateNoise):
-            moved = perturb_observations({name: values[:num_noisy] for name, values in seen.items()}, noise)
-            _replace(seen, moved)
-            _replace(prepared, encoders.prepare_lessons(moved, encoders.without_images))
+            seen = perturb_observations(_rows({**self._observations, **self._images}, steps[:num_noisy]), noise)
+            for name, values in self._network.encoders.prepare_lessons(seen).items():
+                prepared[name][:num_noisy] = values
             absolute = self._actions[self._action_steps[rows[:num_noisy]]]
-            chunk[:num_noisy] = self._network.encode_actions(absolute, moved["proprioception"][:, -1])
+            chunk[:num_noisy] = self._network.encode_actions(absolute, seen["proprioception"][:, -1])
         elif isinstance(noise, OriginalStateNoise):
             clean = {name: values[:num_noisy] for name, values in prepared.items()}
-            _replace(prepared, perturb_prepared(clean, noise, encoders))
-        if self._images:
-            seen |= {name: values[steps.cpu()].to(steps.device) for name, values in self._images.items()}
-            prepared |= encoders.prepare_lessons(seen, encoders.with_images)
+            for name, values in perturb_prepared(clean, noise, self._network.encoders).items():
+                prepared[name][:num_noisy] = values
         return Batch(prepared, chunk, self._weights[rows])
 
     def recorded(self, rows: Tensor) -> tuple[Tensor, Tensor]:
@@ -115,10 +112,9 @@ class WindowTable:
         return torch.cat([encode(self._actions[self._action_steps[rows]], proprioception[rows]) for rows in blocks])
 
 
-def _replace(rows: Mapping[str, Tensor], leading: Mapping[str, Tensor]) -> None:
-    """Put other values into the leading rows of tensors."""
-    for name, values in leading.items():
-        rows[name][: len(values)] = values
+def _rows(arrays: Mapping[str, Tensor], steps: Tensor) -> dict[str, Tensor]:
+    """Rows ``(B, T_o, ...)`` of arrays, on the device of the steps, wherever the arrays are."""
+    return {name: values[steps.to(values.device)].to(steps.device) for name, values in arrays.items()}
 
 
 def _observed(network: PolicyNetwork, episodes: TrainingEpisodes) -> Mapping[str, NDArray[Any]]:
