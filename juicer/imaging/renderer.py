@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from juicer.errors import ConfigError, RenderingUnavailable, did_you_mean
 from juicer.imaging.cameras import Frustum
-from juicer.imaging.gl import gl_context_class
+from juicer.imaging.gl import gl_context_class, unavailable
 from juicer.imaging.look import Look
 from juicer.imaging.visual_model import visual_model
 from juicer.sim.arguments import is_whole, shown
@@ -297,7 +297,7 @@ def _opened() -> Any:
         context = gl_context_class()(MAX_WIDTH, MAX_HEIGHT)
         context.make_current()
     except Exception as error:
-        raise _unavailable(error) from None
+        raise unavailable(error) from None
     return context
 
 
@@ -306,15 +306,7 @@ def _made(task_name: str, look: Look) -> _Canvas:
     try:
         return _Canvas(model, look)
     except Exception as error:
-        raise _unavailable(error) from None
-
-
-def _unavailable(error: Exception) -> RenderingUnavailable:
-    """Every OpenGL platform fails in its own way."""
-    return RenderingUnavailable(
-        f"no OpenGL platform can draw an image here ({type(error).__name__}: {error}); "
-        "set MUJOCO_GL=egl with libegl1 and libgl1-mesa-dri installed, or MUJOCO_GL=osmesa with libosmesa6"
-    )
+        raise unavailable(error) from None
 
 
 def _is_size(value: object, largest: int) -> bool:

@@ -11,15 +11,12 @@ from pathlib import Path
 import av
 import numpy as np
 import PIL.Image
-from numpy.typing import NDArray
 
 from juicer.episode import Episode
 from juicer.errors import ConfigError, InvalidEpisode, JuicerError
+from juicer.imaging.renderer import Image
 from juicer.sim.env import AssemblyEnv
 from juicer.views import CAMERAS, MAX_HEIGHT, MAX_WIDTH
-
-Image = NDArray[np.uint8]
-"""``(height, width, 3)``, RGB."""
 
 MIN_WIDTH, MIN_HEIGHT = 160, 120
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv")
