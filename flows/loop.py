@@ -9,6 +9,7 @@ from pathlib import Path
 from flows.conditions import Condition
 from flows.config import RunConfig
 from flows.loop_config import LoopConfig
+from juicer.artifacts.manifest import STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.demonstration.log import SUFFIX
 from juicer.errors import ArtifactNotFound, ConfigError
@@ -33,11 +34,12 @@ class ModelOutcome:
 
     Attributes:
         condition: Name of its condition.
-        title: What people read instead.
+        title: What people read instead; if the policy does not see states, it says what it sees.
         seed: Its seed.
         checkpoint: The last one trained.
         evaluation: How it did.
         finding: Why it learned from less than it should, as a sentence.
+        observes: What it sees, and what it was taught with beside; empty if that is not known.
     """
 
     condition: str
@@ -46,6 +48,7 @@ class ModelOutcome:
     checkpoint: ArtifactRef
     evaluation: ArtifactRef
     finding: str = ""
+    observes: str = ""
 
 
 _Selected = tuple[ArtifactRef, ArtifactRef]
@@ -87,7 +90,10 @@ def run_model(session: Session, config: RunConfig, name: str, seed: int) -> Mode
         checkpoint = _train(session, config, config.final_training(condition, seed), [data])
         findings = [*data.findings, *_findings(session, checkpoint)]
     evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluation)
-    return ModelOutcome(name, condition.title, seed, checkpoint, evaluation, "; ".join(findings))
+    findings += _findings(session, evaluation)
+    observes = _observes(session, evaluation)
+    title = condition.title if observes in ("", STATE) else f"{condition.title} ({observes})"
+    return ModelOutcome(name, title, seed, checkpoint, evaluation, "; ".join(findings), observes)
 
 
 def _train_jointly(
@@ -151,6 +157,14 @@ def _findings(session: Session, ref: ArtifactRef) -> tuple[str, ...]:
     except ArtifactNotFound:
         return ()
     return (finding,) if finding else ()
+
+
+def _observes(session: Session, evaluation: ArtifactRef) -> str:
+    """What the policy saw; empty in a run in thought."""
+    try:
+        return session.store.manifest(evaluation).observes
+    except ArtifactNotFound:
+        return ""
 
 
 def get_demonstrations(session: Session, config: LoopConfig) -> ArtifactRef:

@@ -7,16 +7,18 @@ from typing import TYPE_CHECKING
 
 from pydantic import Field
 
-from juicer.artifacts.manifest import FINDING
+from juicer.artifacts.manifest import FINDING, OBSERVES
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.config import Seed, StrictConfig
 from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
+from juicer.storage.columns import DRAWN_BY
 from juicer.storage.curves import CurveWriter
 from juicer.storage.dataset import DatasetRow, grouped, read_dataset
 from juicer.storage.episodes import EpisodeReader
 from juicer.tasks.registry import TASK_NAMES, get_task
 from juicer.tasks.specification import MOUNTED_COSINE, MOUNTED_M
+from juicer.text import printable
 from juicer.training.config import TrainingConfig
 from juicer.training.images import Chosen, unpack_images
 from juicer.training.reading import read_episodes
@@ -76,13 +78,17 @@ def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -
     curves.finish(context.draft.path)
     context.draft.summary |= {
         "tasks": list(tasks),
-        "observes": encoders.account,
+        OBSERVES: encoders.account,
         "steps": config.training.steps,
         **_sizes(trained.use),
         **trained.facts,
     }
-    if trained.losses:
-        context.draft.summary[FINDING] = "; ".join(trained.losses)
+    drawn_by = context.store.manifest(dataset).summary.get(DRAWN_BY, []) if encoders.lesson_images else []
+    if drawn_by:
+        context.draft.summary[DRAWN_BY] = drawn_by
+    findings = [*trained.losses, *_mixture(drawn_by)]
+    if findings:
+        context.draft.summary[FINDING] = "; ".join(findings)
 
 
 def feature_spec(task_name: str) -> FeatureSpec:
@@ -105,6 +111,12 @@ def _open(store: ArtifactStore, rows: Sequence[DatasetRow]) -> EpisodeReader:
     """The artifact that some rows of a dataset are of."""
     columns = [store.open(ArtifactRef("columns", each)) for each in rows[0].columns]
     return EpisodeReader(store.open(ArtifactRef("episodes", rows[0].episodes)), columns)
+
+
+def _mixture(drawn_by: Sequence[str]) -> list[str]:
+    """A sentence if images come from several renderers."""
+    several = " and others by ".join(map(printable, drawn_by))
+    return [f"some of its images were drawn by {several}; draw all of them by one"] if len(drawn_by) > 1 else []
 
 
 def _sizes(use: Mapping[str, SourceUse]) -> dict[str, dict[str, int]]:

@@ -24,6 +24,9 @@ from juicer.text import printable
 
 SCHEMA_VERSION = 1
 COLUMNS = "columns.zarr"
+DRAWN_BY = "drawn_by"
+"""Fact about images: what drew them, in the words of its OpenGL platform. Another draws the same scene a little
+differently."""
 CHUNK_BYTES = 2**15
 CHUNK_STEPS = 8
 """What is unpacked to read one step: so many bytes of a feature, or at least so many steps of images, which repeat each
