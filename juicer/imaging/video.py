@@ -14,7 +14,7 @@ import PIL.Image
 
 from juicer.episode import Episode
 from juicer.errors import ConfigError, InvalidEpisode, JuicerError
-from juicer.imaging.renderer import Image
+from juicer.imaging.renderer import Image as Image
 from juicer.sim.env import AssemblyEnv
 from juicer.views import CAMERAS, MAX_HEIGHT, MAX_WIDTH
 
