@@ -64,6 +64,7 @@ def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -
         seed=config.seed,
         scratch=context.draft.scratch / "state",
         device=context.machine.device,
+        weights=context.machine.weights,
         progress=context.progress,
         metrics=curves,
     )
