@@ -71,6 +71,7 @@ def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -
         images=unpack_images(groups, encoders.lesson_images, context.draft.scratch / "images", context.progress),
         scratch=context.draft.scratch / "state",
         device=context.machine.device,
+        weights=context.machine.weights,
         progress=context.progress,
         metrics=curves,
     )

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from juicer.config import models_in
 from juicer.policy.family import Family, MemberConfig
+from juicer.policy.pretrained.config import WeightsField
 from juicer.views import View
 
 MOST_BLOCKS = 64
@@ -49,6 +50,15 @@ class BackboneConfig(MemberConfig):
 
     pixel_mean: ClassVar[Colour] = (0.485, 0.456, 0.406)
     pixel_std: ClassVar[Colour] = (0.229, 0.224, 0.225)
+
+    weights: WeightsField | None = Field(
+        default=None, description="what it starts from: published weights by name, or a file; random if empty"
+    )
+
+    def described(self) -> str:
+        """For people: its kind, and the settings that are not the usual ones."""
+        settings = self.model_dump(exclude={"kind", "weights"}, exclude_defaults=True)
+        return " ".join([self.kind, *(f"{name}={value}" for name, value in settings.items())])
 
     def check_size(self, height: int, width: int) -> None:
         """Refuse images of a size that the network cannot take.

@@ -168,6 +168,8 @@ CHANGES = (
     edit("a column of the annotations table", "juicer/storage/annotations.py", COLUMN, FROM_ANNOTATION),
     edit("the augmentation's return path", "juicer/augmentation/plan.py", CODE, FROM_AUGMENTATION),
     edit("the normaliser", "juicer/policy/normalizer.py", CODE, FROM_TRAINING | LOOKING),
+    edit("how pretrained weights are read", "juicer/policy/pretrained/loading.py", CODE, FROM_TRAINING | LOOKING),
+    edit("a file of weights that somebody publishes", "juicer/policy/pretrained/known.py", CODE, NOTHING),
     edit("the optimiser's loop", "juicer/training/trainer.py", CODE, FROM_TRAINING | LOOKING),
     edit("rollouts", "juicer/rollout.py", CODE, {"collect", "look and evaluate", *FROM_SELECTION}),
     edit("the rule of selection", "stages/select.py", CODE, FROM_SELECTION),
