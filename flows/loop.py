@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,11 +13,14 @@ from juicer.artifacts.manifest import STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.demonstration.log import SUFFIX
 from juicer.errors import ArtifactNotFound, ConfigError
+from juicer.policy.config import PolicyConfig
 from juicer.text import printable
+from juicer.views import View
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import collect
 from stages.dataset import dataset
+from stages.encode import EncodeConfig, encode
 from stages.evaluate import evaluate
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
@@ -120,14 +123,21 @@ def _train(session: Session, config: LoopConfig, training: TrainConfig, gathered
         session,
         episodes=episodes,
         selections=tuple(selection for _, selection in selected),
-        columns=tuple(
-            render(session, episodes=ref, config=RenderConfig(view=view))
-            for ref in episodes
-            for view in training.policy.learned_views
-        ),
+        columns=tuple(column for ref in episodes for column in _columns(session, training.policy, ref)),
         config=config.dataset,
     )
     return train(session, dataset=mixed, config=training)
+
+
+def _columns(session: Session, policy: PolicyConfig, episodes: ArtifactRef) -> Iterator[ArtifactRef]:
+    """What a policy learns from beside the arrays of the episodes: images, and features of such."""
+
+    def images(views: Iterable[View]) -> tuple[ArtifactRef, ...]:
+        return tuple(render(session, episodes=episodes, config=RenderConfig(view=view)) for view in views)
+
+    yield from images(policy.learned_views)
+    for part in policy.fixed_parts:
+        yield encode(session, episodes=episodes, images=images(part.views_seen), config=EncodeConfig(encoder=part))
 
 
 def _gather(session: Session, config: LoopConfig, condition: Condition, seed: int) -> _Data:

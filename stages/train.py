@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from juicer.artifacts.manifest import FINDING, OBSERVES
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from juicer.config import Seed, StrictConfig
+from juicer.config import Seed, StrictConfig, models_in
 from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
+from juicer.policy.members import BackboneConfig
 from juicer.storage.columns import DRAWN_BY
 from juicer.storage.curves import CurveWriter
 from juicer.storage.dataset import DatasetRow, grouped, read_dataset
@@ -35,6 +36,17 @@ class TrainConfig(StrictConfig):
     policy: PolicyConfig = PolicyConfig()
     training: TrainingConfig = TrainingConfig()
     seed: Seed = Field(default=0, description="root of initial weights, split, order and noise")
+
+    @model_validator(mode="after")
+    def _frozen_is_not_random(self) -> Self:
+        for part in self.policy.fixed_parts:
+            for model in models_in(part):
+                if isinstance(model, BackboneConfig) and model.weights is None:
+                    raise ValueError(
+                        f"a frozen backbone keeps the weights that it starts from: say under weights of {model.kind} "
+                        "which they are, or train it (frozen: false)"
+                    )
+        return self
 
 
 @stage(
@@ -84,7 +96,7 @@ def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -
         **_sizes(trained.use),
         **trained.facts,
     }
-    drawn_by = context.store.manifest(dataset).summary.get(DRAWN_BY, []) if encoders.lesson_images else []
+    drawn_by = context.store.manifest(dataset).summary.get(DRAWN_BY, []) if encoders.sees_images else []
     if drawn_by:
         context.draft.summary[DRAWN_BY] = drawn_by
     findings = [*trained.losses, *_mixture(drawn_by)]

@@ -27,9 +27,22 @@ class EncoderConfig(MemberConfig):
     """How some observations become a part of the condition; see :class:`juicer.policy.encoder.ObservationEncoder`."""
 
     @property
-    def learned_views(self) -> tuple[View, ...]:
-        """Views of which it is shown images in training: all that it names, unless it learns from something else."""
+    def views_seen(self) -> tuple[View, ...]:
+        """Views that it names."""
         return tuple(model for model in models_in(self) if isinstance(model, View))
+
+    @property
+    def learned_views(self) -> tuple[View, ...]:
+        """Views of which it is shown images in training: all, unless it learns from something else."""
+        return self.views_seen
+
+    @property
+    def fixed_parts(self) -> tuple[EncoderConfig, ...]:
+        """Encoders that learn nothing and whose results it is shown in training: computed once for all who need them.
+
+        What such an encoder prepares of what it sees are the columns that it calls its lessons.
+        """
+        return ()
 
     def rough_features(self) -> int:
         """Numbers that it yields of a step, roughly: for the estimate of a policy's size."""

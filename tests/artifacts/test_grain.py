@@ -32,6 +32,7 @@ from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import CollectConfig, collect
 from stages.dataset import dataset
+from stages.encode import EncodeConfig, encode
 from stages.evaluate import EvaluateConfig, evaluate
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
@@ -52,7 +53,7 @@ FROM_TRAINING = {"train", "collect", *FROM_SELECTION}
 FROM_AUGMENTATION = {"augment", "dataset", *FROM_TRAINING}
 FROM_ANNOTATION = {"annotate", *FROM_AUGMENTATION}
 LOOKING = {"look and train", "look and evaluate"}
-FROM_DRAWING = {"render", "images", *LOOKING}
+FROM_DRAWING = {"render", "encode", "images", *LOOKING}
 FROM_INGESTION = {"ingest", "memorise", *FROM_DRAWING, *FROM_ANNOTATION}
 EVERYTHING = {"record", *FROM_INGESTION}
 NOTHING: set[str] = set()
@@ -134,8 +135,8 @@ MEMBERS = tuple(
     edit(name, f"juicer/policy/{path}", CODE, again)
     for name, path, again in (
         ("the encoder of states", "encoders/features/config.py", FROM_TRAINING),
-        ("the encoder of images", "encoders/images/network.py", LOOKING),
-        ("the backbone", "backbones/small_cnn/network.py", LOOKING),
+        ("the encoder of images", "encoders/images/network.py", {"encode", *LOOKING}),
+        ("the backbone", "backbones/small_cnn/network.py", {"encode", *LOOKING}),
         ("the head that the policies use", "heads/diffusion/network.py", FROM_TRAINING | LOOKING),
         ("a head that they do not use", "heads/mlp/network.py", NOTHING),
         ("a denoiser that they do not use", "denoisers/mlp/network.py", NOTHING),
@@ -168,7 +169,12 @@ CHANGES = (
     edit("a column of the annotations table", "juicer/storage/annotations.py", COLUMN, FROM_ANNOTATION),
     edit("the augmentation's return path", "juicer/augmentation/plan.py", CODE, FROM_AUGMENTATION),
     edit("the normaliser", "juicer/policy/normalizer.py", CODE, FROM_TRAINING | LOOKING),
-    edit("how pretrained weights are read", "juicer/policy/pretrained/loading.py", CODE, FROM_TRAINING | LOOKING),
+    edit(
+        "how pretrained weights are read",
+        "juicer/policy/pretrained/loading.py",
+        CODE,
+        {"encode"} | FROM_TRAINING | LOOKING,
+    ),
     edit("a file of weights that somebody publishes", "juicer/policy/pretrained/known.py", CODE, NOTHING),
     edit("the optimiser's loop", "juicer/training/trainer.py", CODE, FROM_TRAINING | LOOKING),
     edit("rollouts", "juicer/rollout.py", CODE, {"collect", "look and evaluate", *FROM_SELECTION}),
@@ -176,7 +182,9 @@ CHANGES = (
     edit("a confidence interval", "juicer/evaluation.py", CODE, {"look and evaluate", *FROM_EVALUATION}),
 )
 
-LOOKING_POLICY = PolicyConfig(observation={"eyes": ImagesConfig(views={"wrist": View(camera="wrist")})})
+EYES = ImagesConfig(views={"wrist": View(camera="wrist")})
+FROZEN = EYES.model_copy(update={"frozen": True})
+LOOKING_POLICY = PolicyConfig(observation={"eyes": EYES})
 """Head and limits as the others have them."""
 
 Recipes = dict[str, dict[str, Recipe]]
@@ -239,6 +247,9 @@ def loop(task: str) -> dict[str, Recipe]:
     made["memorise"] = memorise(session, episodes=demonstrations, config=MemoriseConfig())
     made["render"] = render(session, episodes=demonstrations, config=RenderConfig(view=View(camera="wrist")))
     made["images"] = dataset(session, episodes=(demonstrations,), columns=(made["render"],), config=DatasetConfig())
+    made["encode"] = encode(
+        session, episodes=demonstrations, images=(made["render"],), config=EncodeConfig(encoder=FROZEN.fixed_parts[0])
+    )
     made["look and train"] = train(session, dataset=made["images"], config=TrainConfig(policy=LOOKING_POLICY))
     made["look and evaluate"] = evaluate(session, checkpoint=made["look and train"], config=EvaluateConfig(**start))
     made["annotate"] = annotate(session, episodes=demonstrations, config=AnnotationConfig())
@@ -284,7 +295,7 @@ def test_what_shows_results_counts_for_the_report_alone_and_what_draws_for_those
             )
             draws = any(module.startswith("juicer.imaging") for module in recipe.modules)
             assert shows == (name == "report"), name
-            assert draws == (name in {"report", "render", *LOOKING}), name
+            assert draws == (name in {"report", "render", "encode", *LOOKING}), name
 
 
 def test_a_call_names_its_own_task_and_no_other(house: House) -> None:

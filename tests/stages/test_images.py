@@ -1,4 +1,4 @@
-"""From images to actions: columns become windows, windows a policy, and the policy is shown in rollouts what it knows."""
+"""From images to actions: columns become windows, windows a policy, and it is shown in rollouts what it has learned."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Images of a training: unpacked in the order of its episodes, gathered window by window, learned from exactly again."""
+"""Images of a training: unpacked in the order of its episodes, gathered by window, learned from exactly again."""
 
 from __future__ import annotations
 
