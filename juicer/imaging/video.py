@@ -24,7 +24,7 @@ VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv")
 
 
 @dataclass(frozen=True)
-class View:
+class FilmFormat:
     """What is shown of a scene.
 
     Attributes:
@@ -51,7 +51,7 @@ class View:
 
 @dataclass(frozen=True)
 class Frame:
-    """A step as every camera of a view saw it.
+    """A step as every camera of a film saw it.
 
     Attributes:
         step: The images show the state before the action of this step; the step after the last is the end.
@@ -62,7 +62,7 @@ class Frame:
     images: tuple[Image, ...]
 
 
-def draw(episode: Episode, steps: Iterable[int], view: View) -> Iterator[Frame]:
+def draw(episode: Episode, steps: Iterable[int], film: FilmFormat) -> Iterator[Frame]:
     """Frames of the given steps; those whose state is not finite or cannot be restored are left out.
 
     A simulation that diverged ends in such a state.
@@ -84,7 +84,7 @@ def draw(episode: Episode, steps: Iterable[int], view: View) -> Iterator[Frame]:
                     raise
                 continue  # the simulation had diverged there
             is_restorable = True
-            yield Frame(step, tuple(env.render_camera(camera, view.width, view.height) for camera in view.cameras))
+            yield Frame(step, tuple(env.render_camera(camera, film.width, film.height) for camera in film.cameras))
     finally:
         env.close()
 
