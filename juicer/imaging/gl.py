@@ -8,7 +8,6 @@ from functools import cache
 from importlib import import_module
 from typing import Any
 
-
 from juicer.errors import RenderingUnavailable
 from juicer.text import printable
 
