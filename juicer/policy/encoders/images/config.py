@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from juicer.config import StrictConfig
 from juicer.policy.backbones.small_cnn.config import SmallCNNConfig
+from juicer.policy.image_augmentation.config import ImageAugmentation
 from juicer.policy.members import BACKBONES, BackboneConfig, EncoderConfig, Size
-from juicer.views import View
+from juicer.views import MAX_HEIGHT, MAX_WIDTH, View
 
 MOST_VIEWS = 8
 
@@ -18,6 +20,13 @@ else:
     AnyBackbone = Annotated[BACKBONES.choice(), BACKBONES]
 
 ViewName = Annotated[str, Field(pattern=r"^[a-z]\w*$", max_length=100)]
+
+
+class CropSize(StrictConfig):
+    """Size of a part of an image, pixels."""
+
+    width: int = Field(gt=0, le=MAX_WIDTH)
+    height: int = Field(gt=0, le=MAX_HEIGHT)
 
 
 class ImagesConfig(EncoderConfig):
@@ -41,11 +50,40 @@ class ImagesConfig(EncoderConfig):
         default=128, description="length of the learned linear map of each view's features; none if empty"
     )
 
+    crops: dict[ViewName, CropSize] = Field(
+        default={},
+        max_length=MOST_VIEWS,
+        description="of these views only a part of this size goes through the backbone: anywhere in training, another "
+        "one for each sample, and the middle when acting",
+    )
+    augmentation: ImageAugmentation | None = Field(
+        default=None, description="how colours and sharpness vary in training; not at all if empty"
+    )
+
     @model_validator(mode="after")
     def _backbone_takes_every_view(self) -> Self:
-        for view in self.views.values():
-            self.backbone.check_size(view.height, view.width)
+        if strange := sorted(self.crops.keys() - self.views.keys()):
+            raise ValueError(f"crops name '{strange[0]}', which is none of the views: {', '.join(self.views)}")
+        for name, view in self.views.items():
+            height, width = self.seen_size(name)
+            if height > view.height or width > view.width:
+                raise ValueError(f"the crop of '{name}' is larger than its {view.width}x{view.height} pixels")
+            self.backbone.check_size(height, width)
+            if self.augmentation is not None and min(height, width) <= self.augmentation.blur_kernel // 2:
+                raise ValueError(f"the blur of '{name}' reaches beyond its {width}x{height} pixels")
         return self
+
+    @model_validator(mode="after")
+    def _one_for_all_sees_one_size(self) -> Self:
+        sizes = {self.seen_size(name) for name in self.views}
+        if self.frozen and self.backbone.is_of_one_size and len(sizes) > 1:
+            raise ValueError(f"a frozen {self.backbone.kind} is one for all views: give these one size")
+        return self
+
+    def seen_size(self, name: str) -> tuple[int, int]:
+        """Height and width of what the backbone sees of a view."""
+        seen = self.crops.get(name, self.views[name])
+        return seen.height, seen.width
 
     def rough_features(self) -> int:
         """See :class:`juicer.policy.members.EncoderConfig`."""

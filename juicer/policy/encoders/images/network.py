@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import nullcontext
 from typing import Self
 
@@ -12,10 +12,8 @@ from torch import Tensor, nn
 from juicer.policy.backbone import Backbone, Pixels, build_backbone
 from juicer.policy.encoder import ObservationEncoder
 from juicer.policy.encoders.images.config import ImagesConfig
+from juicer.policy.image_augmentation.network import FULL_BRIGHTNESS, augmented, centre_crop, random_crop
 from juicer.policy.tasks import Tasks
-from juicer.views import View
-
-FULL_BRIGHTNESS = 255
 
 
 class ImagesEncoder(ObservationEncoder):
@@ -27,14 +25,14 @@ class ImagesEncoder(ObservationEncoder):
 
     def __init__(self, config: ImagesConfig, tasks: Tasks, obs_horizon: int) -> None:
         super().__init__()
+        self.config = config
         self.views = dict(config.views)
         self.frozen = config.frozen
         self.observations = tuple({view.name: view.observed() for view in self.views.values()}.values())
         self.pixels = Pixels(config.backbone)
         num_backbones = 1 if config.frozen else len(self.views)
         self.backbones = nn.ModuleList(
-            build_backbone(config.backbone, (view.height, view.width))
-            for view in list(self.views.values())[:num_backbones]
+            build_backbone(config.backbone, config.seen_size(name)) for name in list(self.views)[:num_backbones]
         )
         if config.frozen:
             self.backbones.requires_grad_(False)
@@ -53,7 +51,7 @@ class ImagesEncoder(ObservationEncoder):
 
     def forward(self, prepared: Mapping[str, Tensor]) -> Tensor:
         """Tokens ``(B, T_o V, C)`` of images ``(B, T_o, h, w, 3)`` of V views; all views of a step side by side."""
-        tokens = [self._tokens(index, prepared[name]) for index, name, _ in self._items()]
+        tokens = [self._tokens(index, name, prepared[name]) for index, name in enumerate(self.views)]
         return torch.stack(tokens, dim=2).flatten(1, 2)
 
     def train(self, mode: bool = True) -> Self:
@@ -63,18 +61,34 @@ class ImagesEncoder(ObservationEncoder):
             self.backbones.eval()
         return self
 
-    def _items(self) -> Iterator[tuple[int, str, View]]:
-        return ((index, name, view) for index, (name, view) in enumerate(self.views.items()))
-
     def _backbone(self, index: int) -> Backbone:
         backbone = self.backbones[0 if self.frozen else index]
         assert isinstance(backbone, Backbone)
         return backbone
 
-    def _tokens(self, index: int, images: Tensor) -> Tensor:
-        # As they lie in memory, images are what convolutions call channels last, and the fastest on most hardware.
-        pixels = images.flatten(0, 1).permute(0, 3, 1, 2).float() / FULL_BRIGHTNESS
+    def _tokens(self, index: int, name: str, images: Tensor) -> Tensor:
         with torch.no_grad() if self.frozen else nullcontext():
-            features = self._backbone(index)(self.pixels(pixels))
+            shown = brightness(images, self.config, name, is_training=self.training)
+            features = self._backbone(index)(self.pixels(shown))
         tokens: Tensor = self.projections[index](features)
         return tokens.reshape(*images.shape[:2], -1)
+
+
+def brightness(images: Tensor, config: ImagesConfig, name: str, is_training: bool) -> Tensor:
+    """What the backbone is shown of images: shares of full brightness.
+
+    Args:
+        images: Of one view, ``(B, T, h, w, 3)`` uint8.
+        config: What the encoder was built of.
+        name: Name of the view in it.
+        is_training: Whether they are cropped and varied at random, from torch's random state, one draw a sample.
+
+    Returns:
+        ``(B T, 3, H, W)``, laid out in memory as convolutions like it best.
+    """
+    if name in config.crops:
+        images = (random_crop if is_training else centre_crop)(images, config.seen_size(name))
+    if is_training and config.augmentation is not None:
+        varied = augmented(images, config.augmentation).flatten(0, 1)
+        return varied.contiguous(memory_format=torch.channels_last)
+    return images.flatten(0, 1).permute(0, 3, 1, 2).float() / FULL_BRIGHTNESS
