@@ -61,13 +61,12 @@ def test_images_are_drawn_once_for_all_who_look_and_for_nobody_else(study, tmp_p
     assert of_images["columns"] == tuple(entry.ref for entry in planned if entry.stage == "render")
 
 
-@pytest.mark.parametrize("preset", ["laptop_image_e2e"])
+@pytest.mark.parametrize(("preset", "views"), [("laptop_image_e2e", 3), ("paper_image", 2)])
 @pytest.mark.parametrize("condition", ["ta_ci", "state_noise", "mlp_chunked", "mlp_unchunked"])
-def test_every_condition_runs_on_images_by_naming_a_preset(tmp_path, preset, condition):
+def test_every_condition_runs_on_images_by_naming_a_preset(tmp_path, preset, views, condition):
     (run,) = parse_runs({"base": preset, "condition": condition}, "here")
     counts = Counter(entry.stage for entry in plan(ArtifactStore(tmp_path), run))
-    views, turns = 3, 1 + (condition == "ta_ci")
-    episodes = {"ta_ci": 3}.get(condition, 1)
+    episodes, turns = (3, 2) if condition == "ta_ci" else (1, 1)
     assert (counts["render"], counts["train"], counts["evaluate"]) == (views * episodes, turns, 1)
 
 
