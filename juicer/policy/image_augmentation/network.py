@@ -26,12 +26,12 @@ def augmented(images: Tensor, config: ImageAugmentation) -> Tensor:
     planes = images.permute(0, 4, 1, 2, 3).to(torch.float32, memory_format=torch.contiguous_format).flatten(2)
     with torch.autocast(images.device.type, enabled=False):
         matrix, share_of_grey = _colours(samples, config, images.device)
-        kernel = _blur(samples, config, images.device)
+        profile = _blur(samples, config, images.device)
         grey = (planes.mean(dim=-1) * planes.new_tensor(_RGB_TO_YIQ[0])).sum(dim=-1) / FULL_BRIGHTNESS
         offset = (share_of_grey * grey).view(-1, 1, 1)
         coloured = torch.baddbmm(offset, matrix / FULL_BRIGHTNESS, planes).clamp_(0, 1)
         coloured = coloured.reshape(samples, 3 * steps, height, width)
-        blurred = coloured if kernel is None else _blurred(coloured, kernel)
+        blurred = coloured if profile is None else _blurred(coloured, profile)
     return blurred.reshape(samples, 3, steps, height, width).transpose(1, 2)
 
 
@@ -68,22 +68,27 @@ def _colours(samples: int, config: ImageAugmentation, device: torch.device) -> t
 
 
 def _blur(samples: int, config: ImageAugmentation, device: torch.device) -> Tensor | None:
-    """Kernels ``(B, k, k)``."""
+    """Profiles ``(B, k)`` of Gaussians."""
     if config.blur_kernel == 1:
         return None
     least, most = config.blur_sigma
     sigma = least + (most - least) * torch.rand(samples, 1)
     reach = config.blur_kernel // 2
     profile = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / sigma) ** 2)
-    profile = profile / profile.sum(dim=-1, keepdim=True)
-    return (profile[:, :, None] * profile[:, None, :]).to(device)
+    return (profile / profile.sum(dim=-1, keepdim=True)).to(device)
 
 
-def _blurred(planes: Tensor, kernel: Tensor) -> Tensor:
-    """Planes ``(B, P, h, w)``, each sample by its own kernel."""
-    reach, num_planes = kernel.shape[-1] // 2, planes.shape[0] * planes.shape[1]
+def _blurred(planes: Tensor, profile: Tensor) -> Tensor:
+    """Planes ``(B, P, h, w)``, each sample by its own profile, along rows and then along columns."""
+    height, width = planes.shape[-2:]
+    reach = profile.shape[-1] // 2
+    shares = profile.view(*profile.shape, 1, 1, 1).unbind(dim=1)
     padded = functional.pad(planes, (reach, reach, reach, reach), mode="reflect")
-    each = kernel.repeat_interleave(planes.shape[1], dim=0).unsqueeze(1)
-    # As channels of one image, each has a kernel of its own. A small kernel as a whole is faster than its two halves.
-    blurred = functional.conv2d(padded.reshape(1, num_planes, *padded.shape[-2:]), each, groups=num_planes)
-    return blurred.reshape(planes.shape)
+    # Shifted sums take a third of the time of a convolution with a kernel a sample, once batches leave the cache.
+    rows = shares[0] * padded[..., :width]
+    for shift, share in enumerate(shares[1:], start=1):
+        rows.addcmul_(padded[..., shift : shift + width], share)
+    blurred = shares[0] * rows[..., :height, :]
+    for shift, share in enumerate(shares[1:], start=1):
+        blurred.addcmul_(rows[..., shift : shift + height, :], share)
+    return blurred
