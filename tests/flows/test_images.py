@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 
+import PIL.Image
 import pytest
 
 from flows.config import parse_runs
 from flows.running.execution import execute
 from flows.running.plan import plan
 from juicer.artifacts.store import ArtifactStore
-from stages.report import PAGE
+from stages.report import PAGE, VARIED
 from stages.runtime.execution import perform_here
 from stages.runtime.machine import Machine
 from stages.runtime.session import Session
@@ -35,6 +36,7 @@ LOOKING = {
                             "front": {"camera": "front", "width": 32, "height": 32},
                             "wrist": {"camera": "wrist", "width": 32, "height": 32},
                         },
+                        "augmentation": {},
                         "backbone": {"kind": "small_cnn", "stem": 8, "quarter": 8, "eighth": 8},
                         "projection": 16,
                     },
@@ -88,4 +90,7 @@ def test_a_study_says_of_every_result_what_its_policy_saw(drawing, study, tmp_pa
     page = (session.store.open(outcome.report) / PAGE).read_text()
     assert "Seeing (images)" in page
     assert "no images; or images of cameras" in page
+    figure = session.store.open(outcome.report) / f"{VARIED}.png"
+    with PIL.Image.open(figure) as image:
+        assert image.height > 4 * 160
     assert all(entry.exists for entry in plan(session.store, study))
