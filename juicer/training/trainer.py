@@ -17,6 +17,7 @@ from juicer.errors import ConfigError, TrainingFailed
 from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetadata
 from juicer.policy.config import HorizonConfig, PolicyConfig
 from juicer.policy.network import PolicyNetwork, build_policy
+from juicer.policy.pretrained.config import Weights
 from juicer.policy.pretrained.files import DEFAULT_FOLDER
 from juicer.policy.pretrained.loading import load_pretrained
 from juicer.policy.tasks import Tasks
@@ -110,23 +111,30 @@ def train(
         loop = _Loop(learner, windows, config, order, metrics or NullMetricSink())
         identity = training_identity(episodes, _settings(policy, tasks, config, seed))
         facts = loop.run(identity, scratch, progress)
-    metadata = CheckpointMetadata(
-        schema_version=SCHEMA_VERSION,
-        policy=policy,
-        tasks=dict(tasks),
-        acting_weights="raw" if learner.ema is None else "ema",
-        step=config.steps,
-    )
-    ema = None if learner.ema is None else _on_cpu(learner.ema)
-    machine = {"device": torch_device.type, "precision": learner.precision}
-    if pretrained:
-        machine["pretrained"] = ", ".join(f"{each.file} ({each.licence})" for each in pretrained)
+    machine = {"device": torch_device.type, "precision": learner.precision, **_origins(pretrained)}
     return TrainedCheckpoint(
-        checkpoint=Checkpoint(metadata, _on_cpu(network), ema),
+        checkpoint=_checkpoint(learner, config.steps),
         facts={**machine, **facts},
         use=use,
         losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
     )
+
+
+def _origins(pretrained: Sequence[Weights]) -> dict[str, str]:
+    """Which weights a policy started from, and what may be done with them."""
+    return {"pretrained": ", ".join(f"{each.file} ({each.licence})" for each in pretrained)} if pretrained else {}
+
+
+def _checkpoint(learner: Learner, step: int) -> Checkpoint:
+    network = learner.network
+    metadata = CheckpointMetadata(
+        schema_version=SCHEMA_VERSION,
+        policy=network.config,
+        tasks=dict(network.tasks),
+        acting_weights="raw" if learner.ema is None else "ema",
+        step=step,
+    )
+    return Checkpoint(metadata, _on_cpu(network), None if learner.ema is None else _on_cpu(learner.ema))
 
 
 def cut_sides(

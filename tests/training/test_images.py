@@ -65,12 +65,16 @@ def test_images_lie_in_the_order_of_the_chosen_episodes(group_of, tmp_path, monk
     np.testing.assert_array_equal(unpacked[VIEW.name], np.concatenate([*images, *more]))
 
 
-def test_what_a_killed_training_left_is_made_anew(group_of, tmp_path):
+def test_what_is_unpacked_is_used_again_and_what_a_kill_left_half_is_not(group_of, tmp_path, monkeypatch):
     group, images = group_of("0123456789abcdef", (5,), (0,))
-    for _ in range(2):
-        unpacked = unpack_images([group], [VIEW.observed()], tmp_path / "scratch")
-        np.testing.assert_array_equal(unpacked[VIEW.name], images[0])
-        unpacked[VIEW.name][:] = 0
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    (scratch / f"{VIEW.name}.draft").write_bytes(b"half")
+    unpacked = unpack_images([group], [VIEW.observed()], scratch)
+    np.testing.assert_array_equal(unpacked[VIEW.name], images[0])
+    unpacked[VIEW.name][:] = 0
+    monkeypatch.setattr(module, "_unpack", None)
+    np.testing.assert_array_equal(unpack_images([group], [VIEW.observed()], scratch)[VIEW.name], images[0])
 
 
 def test_a_disk_too_small_for_them_is_told_before(group_of, tmp_path, monkeypatch):
