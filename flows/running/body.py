@@ -11,7 +11,7 @@ from flows.config import RunConfig
 from flows.running.context import expect, open_run
 from flows.running.execution import RunOutcome, execute
 from flows.running.flow_runs import held
-from flows.running.plan import plan
+from flows.running.plan import plan, require_weights
 from flows.running.runner import opener
 from flows.running.settings import read_settings
 from juicer.artifacts.store import ArtifactStore
@@ -27,7 +27,10 @@ def run(config: RunConfig) -> RunOutcome:
         open_run(settings, config, PrefectPerformer(opener(settings))) as run_context,
     ):
         store = run_context.session.store
-        expect(run_context, plan(store, config))
+        planned = plan(store, config)
+        if not settings.cluster:  # whose machines have folders of their own
+            require_weights(planned, settings.machine.weights)
+        expect(run_context, planned)
         outcome = execute(run_context.session, config, run_context.tracking)
         _show(outcome, store)
         return outcome
