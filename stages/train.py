@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from juicer.artifacts.manifest import FINDING
+from juicer.artifacts.manifest import FINDING, OBSERVES
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from juicer.config import Seed, StrictConfig
+from juicer.config import Seed, StrictConfig, models_in
 from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
+from juicer.policy.members import BackboneConfig
+from juicer.storage.columns import DRAWN_BY
 from juicer.storage.curves import CurveWriter
 from juicer.storage.dataset import DatasetRow, grouped, read_dataset
 from juicer.storage.episodes import EpisodeReader
 from juicer.tasks.registry import TASK_NAMES, get_task
 from juicer.tasks.specification import MOUNTED_COSINE, MOUNTED_M
+from juicer.text import printable
 from juicer.training.config import TrainingConfig
+from juicer.training.images import Chosen, unpack_images
 from juicer.training.reading import read_episodes
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
@@ -32,6 +36,17 @@ class TrainConfig(StrictConfig):
     policy: PolicyConfig = PolicyConfig()
     training: TrainingConfig = TrainingConfig()
     seed: Seed = Field(default=0, description="root of initial weights, split, order and noise")
+
+    @model_validator(mode="after")
+    def _frozen_is_not_random(self) -> Self:
+        for part in self.policy.fixed_parts:
+            for model in models_in(part):
+                if isinstance(model, BackboneConfig) and model.weights is None:
+                    raise ValueError(
+                        f"a frozen backbone keeps the weights that it starts from: say under weights of {model.kind} "
+                        "which they are, or train it (frozen: false)"
+                    )
+        return self
 
 
 @stage(
@@ -49,6 +64,7 @@ def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -
     If they show several tasks, it is one policy for all of them, which is told the task.
     """
     from juicer.policy.checkpoint import save_checkpoint  # torch takes seconds to import
+    from juicer.policy.encoder import outline
     from juicer.training.ranks import current_ranks
     from juicer.training.trainer import train as train_policy
 
@@ -56,16 +72,20 @@ def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -
     shown = {row.task for row in rows}
     # In the order of the registry, which gives tasks their numbers; one that is not there is refused.
     tasks = {name: feature_spec(name) for name in sorted(shown, key=[*TASK_NAMES, *shown].index)}
+    encoders = outline(config.policy, tasks)
+    groups = [Chosen(_open(context.store, group), group) for group in grouped(rows)]
     curves = CurveWriter(context.draft.scratch, context.metrics)
     trained = train_policy(
-        [read_episodes(_open(context.store, group), group, tasks) for group in grouped(rows)],
+        [read_episodes(*group, tasks, [spec.name for spec in encoders.lesson_numbers]) for group in groups],
         config.policy,
         tasks,
         config.training,
         seed=config.seed,
+        images=unpack_images(groups, encoders.lesson_images, context.draft.scratch / "images", context.progress),
         scratch=context.draft.scratch / "state",
         device=context.machine.device,
         loaders=context.machine.loaders,
+        weights=context.machine.weights,
         progress=context.progress,
         metrics=curves,
     )
@@ -75,12 +95,17 @@ def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -
     curves.finish(context.draft.path)
     context.draft.summary |= {
         "tasks": list(tasks),
+        OBSERVES: encoders.account,
         "steps": config.training.steps,
         **_sizes(trained.use),
         **trained.facts,
     }
-    if trained.losses:
-        context.draft.summary[FINDING] = "; ".join(trained.losses)
+    drawn_by = context.store.manifest(dataset).summary.get(DRAWN_BY, []) if encoders.sees_images else []
+    if drawn_by:
+        context.draft.summary[DRAWN_BY] = drawn_by
+    findings = [*trained.losses, *_mixture(drawn_by)]
+    if findings:
+        context.draft.summary[FINDING] = "; ".join(findings)
 
 
 def feature_spec(task_name: str) -> FeatureSpec:
@@ -103,6 +128,12 @@ def _open(store: ArtifactStore, rows: Sequence[DatasetRow]) -> EpisodeReader:
     """The artifact that some rows of a dataset are of."""
     columns = [store.open(ArtifactRef("columns", each)) for each in rows[0].columns]
     return EpisodeReader(store.open(ArtifactRef("episodes", rows[0].episodes)), columns)
+
+
+def _mixture(drawn_by: Sequence[str]) -> list[str]:
+    """A sentence if images come from several renderers."""
+    several = " and others by ".join(map(printable, drawn_by))
+    return [f"some of its images were drawn by {several}; draw all of them by one"] if len(drawn_by) > 1 else []
 
 
 def _sizes(use: Mapping[str, SourceUse]) -> dict[str, dict[str, int]]:

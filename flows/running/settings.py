@@ -16,6 +16,7 @@ from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from juicer.errors import ConfigError, did_you_mean
+from juicer.policy.pretrained.files import DEFAULT_FOLDER
 from juicer.problems import first_problem
 from juicer.text import printable
 from stages.runtime.machine import Machine
@@ -43,6 +44,7 @@ class Settings(BaseSettings):
         train_processes: Processes that train one policy together, each on one of these devices.
         loaders: Processes that gather the batches of each of them ahead of time; if empty, four where a policy that
             sees images trains on a GPU, and none elsewhere.
+        weights: Folder in which files of pretrained weights are looked for; see `juicer doctor --encoders`.
         allowed_hosts: Names, besides this machine's own, by which browsers and clients may reach servers that juicer
             runs, such as ``prefect.example.org`` or ``127.0.0.1:14200``; separated by commas.
         startup_seconds: How long a Prefect or MLflow server may take to answer after its start.
@@ -59,10 +61,11 @@ class Settings(BaseSettings):
     device: str = "cpu"
     train_processes: int = Field(default=1, ge=1, le=64)
     loaders: int | None = Field(default=None, ge=0, le=64)
+    weights: Path = DEFAULT_FOLDER
     allowed_hosts: str = ""
     startup_seconds: int = Field(default=120, ge=1, le=86_400)
 
-    @field_validator("data", "store", "tracking_uri", "allowed_hosts")
+    @field_validator("data", "store", "weights", "tracking_uri", "allowed_hosts")
     @classmethod
     def _is_plain_text(cls, value: Path | str) -> Path | str:
         if len(str(value)) > LONGEST_PLACE or printable(value, LONGEST_PLACE) != str(value):
@@ -87,7 +90,7 @@ class Settings(BaseSettings):
             raise ValueError("must be cpu, cuda, or cuda:0,cuda:1 and so on for several")
         return value
 
-    @field_validator("data", "store")
+    @field_validator("data", "store", "weights")
     @classmethod
     def _has_a_home(cls, value: Path | str) -> Path | str:
         try:
@@ -114,7 +117,8 @@ class Settings(BaseSettings):
     @property
     def machine(self) -> Machine:
         """How much of this machine a stage may use."""
-        return Machine(self.workers, self.num_envs, self.devices, self.train_processes, self.loaders)
+        weights = self.weights.expanduser().absolute()
+        return Machine(self.workers, self.num_envs, self.devices, self.train_processes, self.loaders, weights=weights)
 
     @property
     def runner_kind(self) -> Literal["threads", "dask", "ray"]:

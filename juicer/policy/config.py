@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from juicer.config import StrictConfig
+from juicer.config import StrictConfig, canonical_json
 from juicer.episode import ACTION_SIZE
 from juicer.policy.encoders.features.config import FeaturesConfig
 from juicer.policy.heads.diffusion.config import DiffusionConfig
 from juicer.policy.members import ENCODERS, HEADS, EncoderConfig, HeadConfig, Size
+from juicer.views import View
 
 MOST_PARAMETERS = 500_000_000
 """Learned weights of the largest policy: 2 GB in fp32, seven times the paper's."""
@@ -19,8 +20,6 @@ MOST_PARAMETERS = 500_000_000
 MOST_PARTS, MOST_PAIRS, MOST_TARGETS, MOST_TASKS = 64, 32, 16, 16
 MOST_ENCODERS = 16
 MOST_HORIZON = 1024
-_TYPICAL_FEATURES = 256
-"""Numbers that a network is shown of a step, for the estimate of its size."""
 
 if TYPE_CHECKING:
     AnyEncoder = EncoderConfig
@@ -117,6 +116,17 @@ class PolicyConfig(StrictConfig):
     )
     head: AnyHead = DiffusionConfig()
 
+    @property
+    def learned_views(self) -> tuple[View, ...]:
+        """Views whose images it is trained on, each once."""
+        return tuple({view.name: view for each in self.observation.values() for view in each.learned_views}.values())
+
+    @property
+    def fixed_parts(self) -> tuple[EncoderConfig, ...]:
+        """Encoders whose results it is trained on, each once."""
+        parts = [part for each in self.observation.values() for part in each.fixed_parts]
+        return tuple({canonical_json(part): part for part in parts}.values())
+
     @field_validator("observation", mode="before")
     @classmethod
     def _names_its_encoders(cls, given: object) -> object:
@@ -143,5 +153,7 @@ class PolicyConfig(StrictConfig):
 
 def rough_parameters(policy: PolicyConfig) -> int:
     """Learned weights of a policy, to within a few per cent for the sizes that matter."""
-    chunk, shown = policy.horizons.pred * ACTION_SIZE, policy.horizons.obs * _TYPICAL_FEATURES
-    return policy.head.rough_parameters(chunk, shown)
+    encoders = policy.observation.values()
+    shown = policy.horizons.obs * sum(encoder.rough_features() for encoder in encoders)
+    head = policy.head.rough_parameters(policy.horizons.pred * ACTION_SIZE, shown)
+    return head + sum(encoder.rough_parameters() for encoder in encoders)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
-from typing import ClassVar
+from typing import Any, ClassVar
 
+import torch
 from torch import Tensor, nn
 
 from juicer.episode import SIMULATOR, ArraySpec
@@ -14,12 +15,17 @@ from juicer.errors import ConfigError
 from juicer.policy.condition import Condition, ConditionSizes
 from juicer.policy.config import TASK_KEY, PolicyConfig
 from juicer.policy.members import EncoderConfig
-from juicer.policy.tasks import Tasks
+from juicer.policy.tasks import PART_POSES, Tasks
+from juicer.views import ImageSpec
 
 PROPRIOCEPTION = SIMULATOR["proprioception"]
 
+Part = Tensor | Mapping[str, Tensor]
+"""What one encoder has prepared: a tensor, or several by names of its own."""
+
 Prepared = Mapping[str, Tensor]
-"""What each encoder of a policy has prepared, by the encoder's name."""
+"""What each encoder of a policy has prepared, by the encoder's name; of one that prepares several tensors, each by
+``encoder.name``. So whoever takes rows of it need not know the encoders."""
 
 
 class ObservationEncoder(nn.Module, ABC):
@@ -44,19 +50,22 @@ class ObservationEncoder(nn.Module, ABC):
 
     @abstractmethod
     def fit(self, observations: Mapping[str, Tensor]) -> None:
-        """Learn limits from the lessons ``(..., *shape)`` of the training windows."""
+        """Learn limits from the lessons ``(..., *shape)`` of the training windows, images left out."""
 
     @abstractmethod
-    def prepare(self, observations: Mapping[str, Tensor]) -> Tensor:
-        """The fixed part: ``(..., *prepared shape)`` of observations ``(..., *shape)``, row by row."""
+    def prepare(self, observations: Mapping[str, Tensor]) -> Part:
+        """The fixed part: ``(..., *prepared shape)`` of observations ``(..., *shape)``, row by row.
 
-    def prepare_lessons(self, lessons: Mapping[str, Tensor]) -> Tensor:
+        What it takes as it is, such as images, it returns without a copy.
+        """
+
+    def prepare_lessons(self, lessons: Mapping[str, Tensor]) -> Part:
         """The same of :attr:`lessons`."""
         return self.prepare(lessons)
 
     @abstractmethod
-    def forward(self, prepared: Tensor) -> Tensor:
-        """The learned part: tokens ``(B, K, C)`` of prepared rows ``(B, T_o, ...)``."""
+    def forward(self, prepared: Any) -> Tensor:
+        """The learned part: tokens ``(B, K, C)`` of rows ``(B, T_o, ...)`` of what :meth:`prepare` returns."""
 
 
 def build_encoder(config: EncoderConfig, tasks: Tasks, obs_horizon: int) -> ObservationEncoder:
@@ -72,6 +81,8 @@ class Encoders(nn.Module):
         names: What the encoders are called.
         observations: What all of them see, and proprioception, in whose frame actions are given.
         lessons: What they are shown in training.
+        lesson_images: The images among that.
+        lesson_numbers: The rest of it.
         sizes: Sizes of the condition that they yield.
 
     Raises:
@@ -85,8 +96,10 @@ class Encoders(nn.Module):
         self.members = nn.ModuleList(
             build_encoder(each, tasks, config.horizons.obs) for each in config.observation.values()
         )
-        self.observations = _together(encoder.observations for _, encoder in self.items())
-        self.lessons = _together(encoder.lessons for _, encoder in self.items())
+        self.observations = _declared(encoder.observations for _, encoder in self.items())
+        self.lessons = _declared(encoder.lessons for _, encoder in self.items())
+        self.lesson_images = tuple(spec for spec in self.lessons if isinstance(spec, ImageSpec))
+        self.lesson_numbers = tuple(spec for spec in self.lessons if not isinstance(spec, ImageSpec))
         self.embedding = nn.Embedding(len(tasks), config.task_embedding) if len(tasks) > 1 else None
         self.sizes: ConditionSizes = {name: encoder.token_size for name, encoder in self.items()}
         if self.embedding is not None:
@@ -98,6 +111,22 @@ class Encoders(nn.Module):
             assert isinstance(encoder, ObservationEncoder)
             yield name, encoder
 
+    @property
+    def sees_images(self) -> bool:
+        """Whether the policy is shown images when it acts."""
+        return any(isinstance(spec, ImageSpec) for spec in self.observations)
+
+    @property
+    def account(self) -> str:
+        """What the policy sees, and what it was taught with that it does not see: a result is never told without it.
+
+        E.g. ``state``, ``images``, or ``images, poses in training``.
+        """
+        images, poses = self.sees_images, PART_POSES in {spec.name for spec in self.observations}
+        taught = PART_POSES in {spec.name for spec in self.lessons} and not poses
+        told = {"images": images, "state": poses, "proprioception": not (images or poses), "poses in training": taught}
+        return ", ".join(what for what, is_so in told.items() if is_so)
+
     def fit(self, observations: Mapping[str, Tensor]) -> None:
         """See :class:`ObservationEncoder`."""
         for _, encoder in self.items():
@@ -105,24 +134,40 @@ class Encoders(nn.Module):
 
     def prepare(self, observations: Mapping[str, Tensor]) -> Prepared:
         """What every encoder prepares of observations ``(..., *shape)``, and the number of the task."""
-        return self._with_task({name: encoder.prepare(observations) for name, encoder in self.items()}, observations)
+        return self._together({name: encoder.prepare(observations) for name, encoder in self.items()}, observations)
 
     def prepare_lessons(self, lessons: Mapping[str, Tensor]) -> Prepared:
         """The same of what they are shown in training."""
-        return self._with_task({name: encoder.prepare_lessons(lessons) for name, encoder in self.items()}, lessons)
+        return self._together({name: encoder.prepare_lessons(lessons) for name, encoder in self.items()}, lessons)
 
     def forward(self, prepared: Prepared) -> Condition:
         """Condition of prepared rows ``(B, T_o, ...)``."""
-        condition = {name: encoder(prepared[name]) for name, encoder in self.items()}
+        condition = {name: encoder(_part(prepared, name)) for name, encoder in self.items()}
         if self.embedding is None:
             return condition
         return {**condition, TASK_KEY: self.embedding(prepared[TASK_KEY][:, -1].long())}
 
-    def _with_task(self, prepared: Prepared, shown: Mapping[str, Tensor]) -> Prepared:
+    def _together(self, parts: Mapping[str, Part], shown: Mapping[str, Tensor]) -> Prepared:
+        prepared: dict[str, Tensor] = {}
+        for name, part in parts.items():
+            prepared |= {name: part} if isinstance(part, Tensor) else {f"{name}.{key}": part[key] for key in part}
         return prepared if self.embedding is None else {**prepared, TASK_KEY: shown[TASK_KEY]}
 
 
-def _together(observations: Iterable[tuple[ArraySpec, ...]]) -> tuple[ArraySpec, ...]:
+def outline(config: PolicyConfig, tasks: Tasks) -> Encoders:
+    """Encoders without memory behind their weights, to ask what they see and are shown."""
+    with torch.device("meta"):
+        return Encoders(config, tasks)
+
+
+def _part(prepared: Prepared, name: str) -> Part:
+    """What the encoder of a name has prepared."""
+    prefix = f"{name}."
+    several = {key.removeprefix(prefix): value for key, value in prepared.items() if key.startswith(prefix)}
+    return several or prepared[name]
+
+
+def _declared(observations: Iterable[tuple[ArraySpec, ...]]) -> tuple[ArraySpec, ...]:
     found = {PROPRIOCEPTION.name: PROPRIOCEPTION}
     for spec in chain.from_iterable(observations):
         if found.setdefault(spec.name, spec) != spec:

@@ -1,23 +1,94 @@
-"""The three families that a policy is made of, as configuration; free of torch."""
+"""The families that a policy is made of, as configuration; free of torch."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
+from juicer.config import models_in
 from juicer.policy.family import Family, MemberConfig
+from juicer.policy.pretrained.config import WeightsField
+from juicer.views import View
 
 MOST_BLOCKS = 64
+TYPICAL_FEATURES = 256
+"""Numbers that an encoder yields of a step, where it does not say."""
 
 Size = Annotated[int, Field(gt=0, le=16_384)]
 """Width of a layer."""
 Blocks = Annotated[int, Field(gt=0, le=MOST_BLOCKS)]
 """Number of layers."""
+Colour = tuple[float, float, float]
+"""Red, green and blue."""
 
 
 class EncoderConfig(MemberConfig):
     """How some observations become a part of the condition; see :class:`juicer.policy.encoder.ObservationEncoder`."""
+
+    @property
+    def views_seen(self) -> tuple[View, ...]:
+        """Views that it names."""
+        return tuple(model for model in models_in(self) if isinstance(model, View))
+
+    @property
+    def learned_views(self) -> tuple[View, ...]:
+        """Views of which it is shown images in training: all, unless it learns from something else."""
+        return self.views_seen
+
+    @property
+    def fixed_parts(self) -> tuple[EncoderConfig, ...]:
+        """Encoders that learn nothing and whose results it is shown in training: computed once for all who need them.
+
+        What such an encoder prepares of what it sees are the columns that it calls its lessons.
+        """
+        return ()
+
+    def rough_features(self) -> int:
+        """Numbers that it yields of a step, roughly: for the estimate of a policy's size."""
+        return TYPICAL_FEATURES
+
+    def rough_parameters(self) -> int:
+        """Its weights to within a few per cent, or 0 if that is not known before it is built."""
+        return 0
+
+
+class BackboneConfig(MemberConfig):
+    """A network from images to features; see :class:`juicer.policy.backbone.Backbone`.
+
+    Attributes:
+        pixel_mean: Of red, green and blue, in shares of full brightness: what is taken off before the network.
+        pixel_std: What they are divided by then.
+        is_of_one_size: Whether what it has learned belongs to one size of image.
+    """
+
+    pixel_mean: ClassVar[Colour] = (0.485, 0.456, 0.406)
+    pixel_std: ClassVar[Colour] = (0.229, 0.224, 0.225)
+    is_of_one_size: ClassVar[bool] = False
+
+    weights: WeightsField | None = Field(
+        default=None, description="what it starts from: published weights by name, or a file; random if empty"
+    )
+
+    def described(self) -> str:
+        """For people: its kind, and the settings that are not the usual ones."""
+        settings = self.model_dump(exclude={"kind", "weights"}, exclude_defaults=True)
+        return " ".join([self.kind, *(f"{name}={value}" for name, value in settings.items())])
+
+    def check_size(self, height: int, width: int) -> None:
+        """Refuse images of a size that the network cannot take.
+
+        Raises:
+            ValueError: With a sentence that says why.
+        """
+
+    def rough_features(self) -> int:
+        """Numbers that it yields of an image, roughly."""
+        return TYPICAL_FEATURES
+
+    def rough_parameters(self) -> int:
+        """Its weights to within a few per cent, or 0 if that is not known before it is built."""
+        return 0
 
 
 class ChunkConfig(MemberConfig):
@@ -49,6 +120,7 @@ class DenoiserConfig(ChunkConfig):
 
 
 ENCODERS = Family(EncoderConfig, "juicer.policy.encoders", "juicer.encoders")
+BACKBONES = Family(BackboneConfig, "juicer.policy.backbones", "juicer.backbones")
 HEADS = Family(HeadConfig, "juicer.policy.heads", "juicer.heads")
 DENOISERS = Family(DenoiserConfig, "juicer.policy.denoisers", "juicer.denoisers")
 

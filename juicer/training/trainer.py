@@ -6,17 +6,22 @@ import copy
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from juicer.errors import ConfigError, TrainingFailed
 from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetadata
 from juicer.policy.config import HorizonConfig, PolicyConfig
 from juicer.policy.network import PolicyNetwork, build_policy
+from juicer.policy.pretrained.config import Weights
+from juicer.policy.pretrained.files import DEFAULT_FOLDER
+from juicer.policy.pretrained.loading import load_pretrained
 from juicer.policy.tasks import Tasks
 from juicer.policy.torch_settings import compute_settings, usable_device
 from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progress
@@ -31,7 +36,6 @@ from juicer.training.table import WindowTable
 from juicer.training.use import SourceUse, check_use, measure_use, notable_losses
 from juicer.training.validation import validate
 from juicer.training.windows import TrainingEpisodes, Windows, concatenate, cut_windows, split_episodes, window_weights
-from juicer.views import ImageSpec
 
 LOADERS = 4
 """Processes that gather the images of a batch beside a GPU, if nobody says how many."""
@@ -69,9 +73,11 @@ def train(
     config: TrainingConfig,
     *,
     seed: int,
+    images: Mapping[str, NDArray[np.uint8]] | None = None,
     scratch: Path | None = None,
     device: str = "cpu",
     loaders: int | None = None,
+    weights: Path = DEFAULT_FOLDER,
     progress: Progress = silent_progress,
     metrics: MetricSink | None = None,
 ) -> TrainedCheckpoint:
@@ -86,36 +92,46 @@ def train(
         tasks: Assembly tasks that the episodes show.
         config: How to train.
         seed: Decides initial weights, split, order and noise.
+        images: Images ``(S, H, W, 3)`` at all steps of the episodes, one after another, by name; those of the views
+            that the policy looks at.
         scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
             training continues from it, bit for bit on a CPU.
         device: Torch device; a fact about the machine, not part of what is trained.
         loaders: Processes that gather batches ahead of time; if None, some for a GPU and a policy that sees images.
+        weights: Where files of pretrained weights are looked for first.
         progress: Called with the steps done, the loss and the seconds left.
         metrics: Called with loss, learning rate and validation.
 
     Raises:
         ConfigError: If settings contradict each other, or there is no such device.
         TrainingFailed: If there is too little data, or windows leave out most of it, or the loss is no longer a number.
+        UnusableWeights: If the policy is to start from pretrained weights and their file is missing or another one.
     """
     torch_device = usable_device(device)
     _check_noise(policy, config)
-    episodes = concatenate(sources)
+    episodes = replace(concatenate(sources), images=images or {})
     sides = cut_sides(episodes, policy.horizons, config, seed)
     use = measure_use(episodes, *sides)
     check_use(use, policy.horizons, config.windows.back_padding)
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
         network = build_policy(policy, tasks, torch_seed(seed, "weights"))
+        pretrained = load_pretrained(network, weights)
         loop = _set_up(episodes, sides, network, config, seed, torch_device, loaders, metrics or NullMetricSink())
         identity = training_identity(episodes, _settings(policy, tasks, config, seed))
         facts = loop.run(identity, scratch, progress)
-    machine = {"device": torch_device.type, "precision": loop.learner.precision}
+    machine = {"device": torch_device.type, "precision": loop.learner.precision, **_origins(pretrained)}
     return TrainedCheckpoint(
         checkpoint=_checkpoint(loop.learner, config.steps),
         facts={**machine, **facts},
         use=use,
         losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
     )
+
+
+def _origins(pretrained: Sequence[Weights]) -> dict[str, str]:
+    """Which weights a policy started from, and what may be done with them."""
+    return {"pretrained": ", ".join(f"{each.file} ({each.licence})" for each in pretrained)} if pretrained else {}
 
 
 def _checkpoint(learner: Learner, step: int) -> Checkpoint:
@@ -276,8 +292,7 @@ class _Loop:
 
 def _default_loaders(network: PolicyNetwork, device: torch.device) -> int:
     """Numbers of a whole dataset lie on the GPU; images are gathered by others while it computes."""
-    sees_images = any(isinstance(spec, ImageSpec) for spec in network.encoders.lessons)
-    return LOADERS if sees_images and device.type != "cpu" else 0
+    return LOADERS if network.encoders.sees_images and device.type != "cpu" else 0
 
 
 def _check_noise(policy: PolicyConfig, config: TrainingConfig) -> None:

@@ -14,6 +14,7 @@ from typing import Self
 from filelock import FileLock, Timeout
 
 from juicer.errors import ServiceUnavailable
+from juicer.policy.pretrained.files import DEFAULT_FOLDER
 
 CPU = "cpu"
 POLL_SECONDS = 0.5
@@ -30,6 +31,7 @@ class Machine:
         processes: Processes that train one policy together, each on a device of its own if it is not the processor.
         loaders: Processes that gather the batches of each of them; as many as fit if None.
         leases: Folder of the locks that say which device is taken; one that all runs of a user share if None.
+        weights: Where files of pretrained weights are looked for first.
     """
 
     workers: int = 1
@@ -38,6 +40,7 @@ class Machine:
     processes: int = 1
     loaders: int | None = None
     leases: Path | None = None
+    weights: Path = DEFAULT_FOLDER
 
     @property
     def device(self) -> str:
