@@ -12,6 +12,7 @@ from pathlib import Path
 import mujoco
 
 from juicer.errors import ConfigError
+from juicer.text import printable
 
 PACKAGE, VERSION = "dm-robotics-panda", "0.4.8"
 _FOLDER = "dm_robotics/panda/assets/panda"
@@ -62,6 +63,14 @@ def add_panda_mesh(spec: mujoco.MjSpec) -> None:
             type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh, material=material.name, contype=0, conaffinity=0,
             quat=_HALF_TURN.get(body, (1.0, 0.0, 0.0, 0.0)),
         )  # fmt: skip
+
+
+def unreadable_panda_mesh(error: ValueError) -> ConfigError:
+    """What a user is told if a file is damaged, by MuJoCo's own reason."""
+    return ConfigError(
+        f"the robot's mesh cannot be read ({printable(error)}); remove {PACKAGE} with pip and install it again with "
+        "`make looks`, or draw the robot as primitives"
+    )
 
 
 def _asset(name: str) -> str:

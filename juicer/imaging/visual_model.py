@@ -16,7 +16,7 @@ import numpy as np
 
 from juicer.imaging.cameras import add_cameras
 from juicer.imaging.look import Look
-from juicer.imaging.panda_mesh import add_panda_mesh, is_of_robot
+from juicer.imaging.panda_mesh import add_panda_mesh, is_of_robot, unreadable_panda_mesh
 from juicer.imaging.parts import painted_surfaces
 from juicer.imaging.primitives import primitive
 from juicer.imaging.surfaces import Painted, Surface, box
@@ -25,7 +25,7 @@ from juicer.tasks.registry import get_task
 from juicer.tasks.specification import AssemblyTask, Box, Vector
 
 _NEAR_M, _FAR_M = 0.01, 6.0
-_SHADOW_REACH_M = 0.8
+_SHADOW_REACH_M = 0.45
 _WALL_YAW_RAD = math.radians(20.4)
 _WALL_RGB = (0.0, 0.45, 0.27)
 _WORLD = "world"
@@ -38,9 +38,15 @@ def visual_model(task_name: str, look: Look) -> mujoco.MjModel:
     """Model of a task to be drawn, compiled once a process.
 
     Raises:
-        ConfigError: If there is no such task, or the robot's mesh is asked for and not installed.
+        ConfigError: If there is no such task, or the robot's mesh is asked for and not installed or damaged.
     """
-    return visual_spec(get_task(task_name), look).compile()
+    spec = visual_spec(get_task(task_name), look)
+    try:
+        return spec.compile()
+    except ValueError as error:
+        if look.robot != "mesh":
+            raise
+        raise unreadable_panda_mesh(error) from None
 
 
 def visual_spec(task: AssemblyTask, look: Look) -> mujoco.MjSpec:
@@ -100,7 +106,7 @@ def _add_light(spec: mujoco.MjSpec, look: Look) -> None:
     headlight.ambient, headlight.diffuse = (0.65 * from_everywhere,) * 3, (0.35 * from_everywhere,) * 3
     headlight.specular = (0.0,) * 3
     spec.worldbody.add_light(
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=(0.9, -0.1, 1.2), dir=(-0.42, 0.05, -0.85),
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=(1.1, -0.07, 1.2), dir=(-0.42, 0.05, -0.85),
         diffuse=(from_the_lamp,) * 3, specular=(gloss,) * 3,
     )  # fmt: skip
 
@@ -108,8 +114,10 @@ def _add_light(spec: mujoco.MjSpec, look: Look) -> None:
 def _set_quality(spec: mujoco.MjSpec, look: Look) -> None:
     visual = spec.visual
     visual.quality.offsamples = look.samples
-    visual.quality.shadowsize = 4096
-    visual.global_.offwidth, visual.global_.offheight = 1280, 720
+    # Larger ones cost more than all the rest.
+    visual.quality.shadowsize = 1024
+    # The buffer grows with what is drawn: one that is larger costs time.
+    visual.global_.offwidth, visual.global_.offheight = 1, 1
     # These are multiples of the scene's extent, which else depends on what is in it.
     spec.stat.extent = 1.0
     visual.map.znear, visual.map.zfar = _NEAR_M, _FAR_M

@@ -143,6 +143,14 @@ def test_drawing_names_its_platform(settings, monkeypatch):
     assert (verdict.state, verdict.message) == (State.PROBLEM, "MUJOCO_GL is 'directx', which MuJoCo does not know")
 
 
+@pytest.mark.usefixtures("drawing")
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere MuJoCo chooses")
+def test_drawing_is_tried_the_way_images_are_drawn(settings, monkeypatch):
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    (verdict,) = check_drawing(settings)
+    assert (verdict.state, verdict.message) == (State.OK, "an image was drawn through egl")
+
+
 def test_more_stages_than_processors_is_a_warning(settings):
     assert states(check_cores(settings.model_copy(update={"workers": 1}))) == [State.OK]
     (verdict,) = check_cores(settings.model_copy(update={"workers": 4096}))
