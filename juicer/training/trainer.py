@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from juicer.errors import ConfigError, TrainingFailed
@@ -66,7 +64,6 @@ def train(
     config: TrainingConfig,
     *,
     seed: int,
-    images: Mapping[str, NDArray[np.uint8]] | None = None,
     scratch: Path | None = None,
     device: str = "cpu",
     weights: Path = DEFAULT_FOLDER,
@@ -76,13 +73,12 @@ def train(
     """Train a policy by imitation.
 
     Args:
-        sources: Episodes to imitate; all windows are equally likely, unless episodes have weights.
+        sources: Episodes to imitate; all windows are equally likely, unless episodes have weights. Several are copied
+            into one, so those with more images than the memory holds must be one.
         policy: What the policy is made of.
         tasks: Assembly tasks that the episodes show.
         config: How to train.
         seed: Decides initial weights, split, order and noise.
-        images: Images ``(S, H, W, 3)`` at all steps of the episodes, one after another, by name; those of the views
-            that the policy looks at.
         scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
             training continues from it, bit for bit on a CPU.
         device: Torch device; a fact about the machine, not part of what is trained.
@@ -97,7 +93,7 @@ def train(
     """
     torch_device = usable_device(device)
     _check_noise(policy, config)
-    episodes = replace(concatenate(sources), images=images or {})
+    episodes = concatenate(sources)
     learned, held_out = cut_sides(episodes, policy.horizons, config, seed)
     use = measure_use(episodes, learned, held_out)
     check_use(use, policy.horizons, config.windows.back_padding)
