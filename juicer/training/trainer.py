@@ -6,13 +6,11 @@ import copy
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from juicer.errors import ConfigError, TrainingFailed
@@ -73,7 +71,6 @@ def train(
     config: TrainingConfig,
     *,
     seed: int,
-    images: Mapping[str, NDArray[np.uint8]] | None = None,
     scratch: Path | None = None,
     device: str = "cpu",
     loaders: int | None = None,
@@ -87,13 +84,12 @@ def train(
     end with the same weights; only the first reports, validates, and saves states.
 
     Args:
-        sources: Episodes to imitate; all windows are equally likely, unless episodes have weights.
+        sources: Episodes to imitate; all windows are equally likely, unless episodes have weights. Several are copied
+            into one, so those with more images than the memory holds must be one.
         policy: What the policy is made of.
         tasks: Assembly tasks that the episodes show.
         config: How to train.
         seed: Decides initial weights, split, order and noise.
-        images: Images ``(S, H, W, 3)`` at all steps of the episodes, one after another, by name; those of the views
-            that the policy looks at.
         scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
             training continues from it, bit for bit on a CPU.
         device: Torch device; a fact about the machine, not part of what is trained.
@@ -109,7 +105,7 @@ def train(
     """
     torch_device = usable_device(device)
     _check_noise(policy, config)
-    episodes = replace(concatenate(sources), images=images or {})
+    episodes = concatenate(sources)
     sides = cut_sides(episodes, policy.horizons, config, seed)
     use = measure_use(episodes, *sides)
     check_use(use, policy.horizons, config.windows.back_padding)
@@ -118,8 +114,7 @@ def train(
         network = build_policy(policy, tasks, torch_seed(seed, "weights"))
         pretrained = load_pretrained(network, weights)
         loop = _set_up(episodes, sides, network, config, seed, torch_device, loaders, metrics or NullMetricSink())
-        identity = training_identity(episodes, _settings(policy, tasks, config, seed))
-        facts = loop.run(identity, scratch, progress)
+        facts = loop.run(training_identity(episodes, _settings(policy, tasks, config, seed)), scratch, progress)
     machine = {"device": torch_device.type, "precision": loop.learner.precision, **_origins(pretrained)}
     return TrainedCheckpoint(
         checkpoint=_checkpoint(loop.learner, config.steps),

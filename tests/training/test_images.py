@@ -102,9 +102,13 @@ def images():
     return {VIEW.name: np.random.default_rng(0).integers(0, 256, (sum(LENGTHS), 16, 24, 3), np.uint8)}
 
 
+def seen(episodes, images):
+    return dataclasses.replace(episodes, observations={**episodes.observations, **images})
+
+
 def test_a_batch_holds_the_images_of_its_windows(episodes, tasks, looking, images):
     network = build_policy(looking, tasks, seed=0)
-    data = dataclasses.replace(episodes(LENGTHS), images=images)
+    data = seen(episodes(LENGTHS), images)
     windows = cut_windows(data.episode_ends, np.arange(5), looking.horizons, back_padding=7)
     table = WindowTable(data, windows, network, learn_padding=True, device=torch.device("cpu"))
     table.fit()
@@ -124,22 +128,22 @@ def test_a_killed_training_on_images_resumes_bit_for_bit(episodes, tasks, lookin
             raise KilledError
 
     config = training_config.model_copy(update={"report_every": 1})
-    arguments = ([episodes(LENGTHS)], looking, tasks, config)
-    straight = train(*arguments, seed=3, images=images).checkpoint
+    arguments = ([seen(episodes(LENGTHS), images)], looking, tasks, config)
+    straight = train(*arguments, seed=3).checkpoint
     with pytest.raises(KilledError):
-        train(*arguments, seed=3, images=images, scratch=tmp_path, progress=kill)
-    resumed = train(*arguments, seed=3, images=images, scratch=tmp_path).checkpoint
+        train(*arguments, seed=3, scratch=tmp_path, progress=kill)
+    resumed = train(*arguments, seed=3, scratch=tmp_path).checkpoint
     for name, value in straight.weights.items():
         assert torch.equal(value, resumed.weights[name]), name
 
 
 def test_a_state_is_not_continued_on_other_images(episodes, images):
-    data = dataclasses.replace(episodes(LENGTHS), images=images)
-    other = dataclasses.replace(data, images={VIEW.name: 255 - images[VIEW.name]})
+    data = seen(episodes(LENGTHS), images)
+    other = seen(data, {VIEW.name: 255 - images[VIEW.name]})
     assert training_identity(data, {}) == training_identity(dataclasses.replace(data), {})
     assert len({training_identity(each, {}) for each in (data, other, episodes(LENGTHS))}) == 3
 
 
 def test_a_policy_that_looks_is_not_trained_without_images(episodes, tasks, looking, training_config):
-    with pytest.raises(TrainingFailed, match="looks at wrist whole 24x16, of which it is given no images"):
+    with pytest.raises(TrainingFailed, match=f"observes '{VIEW.name}', which the episodes do not hold"):
         train([episodes(LENGTHS)], looking, tasks, training_config, seed=0)

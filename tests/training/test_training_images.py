@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import io
 
@@ -20,6 +21,7 @@ from juicer.policy.encoders.proprioception.config import ProprioceptionConfig
 from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.policy.image_augmentation.config import ImageAugmentation
 from juicer.policy.pretrained.config import Weights
+from juicer.training.fixed import FixedEncoder
 from juicer.training.trainer import train
 from juicer.training.windows import TrainingEpisodes
 from juicer.views import View
@@ -64,10 +66,20 @@ def stored(backbone, folder, name="mine.pth"):
     return Weights(file=name, sha256=hashlib.sha256(buffer.getvalue()).hexdigest(), licence="MIT")
 
 
+def with_features(episodes, policy, folder):
+    """Episodes with what the frozen parts of a policy make of their images."""
+    shown = dict(episodes.observations)
+    for part in policy.fixed_parts:
+        encoder = FixedEncoder(part, folder, "cpu")
+        shown |= encoder.columns({name: shown[name] for name in encoder.observes})
+    return dataclasses.replace(episodes, observations=shown)
+
+
 @pytest.mark.parametrize("frozen", [False, True])
 def test_a_policy_that_sees_is_trained_saved_and_acts(frozen, seen, tasks, training_config, tmp_path):
-    policy = policy_of(frozen=frozen, augmentation=ImageAugmentation())
-    trained = train([seen], policy, tasks, training_config, seed=0).checkpoint
+    policy = policy_of(frozen=frozen, augmentation=None if frozen else ImageAugmentation())
+    learned = with_features(seen, policy, tmp_path)
+    trained = train([learned], policy, tasks, training_config, seed=0).checkpoint
     save_checkpoint(tmp_path, trained)
     acting = load_policy(tmp_path, next(iter(tasks)))
     assert [spec.name for spec in acting.observations] == ["proprioception", *(view.name for view in VIEWS.values())]
@@ -102,7 +114,8 @@ def test_what_is_frozen_stays_as_its_file_has_it_and_acting_needs_no_file(seen, 
     source = build_backbone(EfficientNetLiteConfig(), (16, 16))
     backbone = EfficientNetLiteConfig(weights=stored(source, tmp_path / "weights"))
     policy = policy_of(backbone=backbone, frozen=True)
-    trained = train([seen], policy, tasks, training_config, seed=0, weights=tmp_path / "weights")
+    learned = with_features(seen, policy, tmp_path / "weights")
+    trained = train([learned], policy, tasks, training_config, seed=0, weights=tmp_path / "weights")
     for state in ("weights", "ema"):
         if getattr(trained.checkpoint, state) is not None:
             kept = images_of(trained.checkpoint, state)

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from juicer.policy import draws
 from juicer.policy.image_augmentation.config import ImageAugmentation
 
 FULL_BRIGHTNESS = 255
@@ -38,7 +39,7 @@ def augmented(images: Tensor, config: ImageAugmentation) -> Tensor:
 def random_crop(images: Tensor, size: tuple[int, int]) -> Tensor:
     """A part ``(B, T, *size, 3)`` of images ``(B, T, h, w, 3)``, in another place of every sample."""
     room = [whole - part for whole, part in zip(images.shape[2:4], size, strict=True)]
-    first = [torch.randint(0, most + 1, (len(images), 1)).to(images.device) for most in room]
+    first = [draws.randint(most + 1, (len(images), 1)).to(images.device) for most in room]
     rows, columns = (low + torch.arange(part, device=images.device) for low, part in zip(first, size, strict=True))
     samples = torch.arange(len(images), device=images.device)[:, None, None]
     # Indexed dimensions come first, in front of the steps.
@@ -54,8 +55,8 @@ def centre_crop(images: Tensor, size: tuple[int, int]) -> Tensor:
 def _colours(samples: int, config: ImageAugmentation, device: torch.device) -> tuple[Tensor, Tensor]:
     """Matrices ``(B, 3, 3)`` of all jitters, and how much ``(B,)`` of a sample's mean grey comes in addition."""
     jitters = torch.tensor([config.brightness, config.contrast, config.saturation])
-    brightness, contrast, saturation = (1 + jitters * (2 * torch.rand(samples, 3) - 1)).unbind(dim=1)
-    angle = 2 * math.pi * config.hue * (2 * torch.rand(samples) - 1)
+    brightness, contrast, saturation = (1 + jitters * (2 * draws.rand((samples, 3)) - 1)).unbind(dim=1)
+    angle = 2 * math.pi * config.hue * (2 * draws.rand((samples,)) - 1)
     to_yiq = torch.tensor(_RGB_TO_YIQ)
     turn = torch.zeros(samples, 3, 3)
     turn[:, 0, 0] = 1
@@ -72,7 +73,7 @@ def _blur(samples: int, config: ImageAugmentation, device: torch.device) -> Tens
     if config.blur_kernel == 1:
         return None
     least, most = config.blur_sigma
-    sigma = least + (most - least) * torch.rand(samples, 1)
+    sigma = least + (most - least) * draws.rand((samples, 1))
     reach = config.blur_kernel // 2
     profile = torch.exp(-0.5 * (torch.arange(-reach, reach + 1) / sigma) ** 2)
     return (profile / profile.sum(dim=-1, keepdim=True)).to(device)
