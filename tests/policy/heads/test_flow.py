@@ -1,23 +1,23 @@
 import pytest
 import torch
-from pydantic import ValidationError
 from torch import nn
 
 from juicer.policy.denoisers.mlp.config import MLPDenoiserConfig
 from juicer.policy.denoisers.unet.config import UNetConfig
 from juicer.policy.heads.flow.config import FlowConfig
-from juicer.policy.heads.flow.network import FULL_NOISE, JUMP, FlowHead
+from juicer.policy.heads.flow.network import FULL_NOISE, FlowHead
 
 
 class Oracle(nn.Module):
-    """A denoiser that knows the clean chunk, and notes what it is told."""
+    """A denoiser that knows the clean chunk, and notes what it is shown and the time that it is told."""
 
     def __init__(self, clean):
         super().__init__()
-        self.clean, self.told = clean, []
+        self.clean, self.shown, self.times = clean, [], []
 
     def forward(self, noisy, step, condition):
-        self.told.append((float(step[0]) / FULL_NOISE, int(condition[JUMP][0, 0].argmax())))
+        self.shown.append(noisy)
+        self.times.append(float(step[0]) / FULL_NOISE)
         return self.clean
 
 
@@ -30,36 +30,16 @@ def seen(rows):
     return {"state": rows[:, None]}
 
 
-@pytest.mark.parametrize(
-    ("steps", "told"),
-    [
-        (1, [(1.0, 3)]),
-        (2, [(1.0, 2), (0.5, 2)]),
-        (4, [(1.0, 1), (0.75, 1), (0.5, 1), (0.25, 1)]),
-        (8, [(left / 8, 0) for left in range(8, 0, -1)]),
-    ],
-)
-def test_a_perfect_denoiser_is_followed_to_the_clean_chunk_in_any_number_of_steps(steps, told):
+@pytest.mark.parametrize("steps", [1, 2, 4])
+def test_a_perfect_denoiser_is_followed_straight_to_the_clean_chunk(steps):
     head = head_of(inference_steps=steps)
-    clean = torch.rand(4, 8, 10) * 1.6 - 0.8
+    clean, noise = torch.rand(4, 8, 10) * 1.6 - 0.8, torch.randn(4, 8, 10)
     head.denoiser = Oracle(clean)
-    torch.testing.assert_close(head.sample(seen(torch.zeros(4, 5)), torch.randn(4, 8, 10)), clean)
-    assert head.denoiser.told == told
-
-
-def test_a_longer_jump_ends_where_two_of_half_its_length_do():
-    torch.manual_seed(0)
-    head = head_of()
-    noisy, condition = torch.randn(3, 8, 10), seen(torch.randn(3, 5))
-    level, start = torch.tensor([1, 2, 3]), torch.tensor([0.5, 0.75, 1.0])[:, None, None]
-    half = torch.tensor([1, 2, 4])[:, None, None] / 8
-    aim = head._aim_of_two(noisy, start.flatten(), level, condition)
-    first = head._aim(noisy, start.flatten(), level - 1, condition).clamp(-1, 1)
-    midway = noisy + (first - noisy) * half / start
-    second = head._aim(midway, (start - half).flatten(), level - 1, condition).clamp(-1, 1)
-    end = midway + (second - midway) * half / (start - half)
-    torch.testing.assert_close(noisy + (aim - noisy) * 2 * half / start, end)
-    assert not aim.requires_grad
+    torch.testing.assert_close(head.sample(seen(torch.zeros(4, 5)), noise), clean)
+    times = [left / steps for left in range(steps, 0, -1)]
+    assert head.denoiser.times == times
+    on_the_line = [time * noise + (1 - time) * clean for time in times]
+    torch.testing.assert_close(torch.stack(head.denoiser.shown), torch.stack(on_the_line))
 
 
 def test_samples_stay_within_the_training_range_and_depend_on_condition_and_noise_alone():
@@ -70,21 +50,22 @@ def test_samples_stay_within_the_training_range_and_depend_on_condition_and_nois
     assert torch.equal(sample, head.sample(condition, noise))
 
 
-def test_a_single_step_takes_one_of_two_ways_and_not_their_mean():
+def test_many_steps_take_one_of_two_ways_and_a_single_one_their_mean():
     torch.manual_seed(0)
-    head = head_of(denoiser=MLPDenoiserConfig(width=64, blocks=2), chunk=(2, 1), longer_jumps=0.5)
-    condition = seen(torch.zeros(256, 5))
+    head = head_of(denoiser=MLPDenoiserConfig(width=64, blocks=2), chunk=(2, 1))
+    condition, noise = seen(torch.zeros(256, 5)), torch.randn(256, 2, 1)
     optimizer = torch.optim.AdamW(head.parameters(), lr=3e-3)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, 600)
-    for _ in range(600):
+    for _ in range(200):
         either = 0.7 * torch.sign(torch.randn(256, 1, 1)).expand(256, 2, 1)
         optimizer.zero_grad()
         head.compute_loss(condition, either).mean().backward()
         optimizer.step()
-        schedule.step()
     with torch.no_grad():
-        ways = head.sample(condition, torch.randn(256, 2, 1)).mean((1, 2))
-    assert ((ways.abs() - 0.7).abs() < 0.2).float().mean() > 0.75
+        mean = head.sample(condition, noise).mean((1, 2))
+        head.config = head.config.model_copy(update={"inference_steps": 16})
+        ways = head.sample(condition, noise).mean((1, 2))
+    assert mean.abs().mean() < 0.2
+    assert ways.abs().mean() > 0.5
     assert 0.25 < (ways > 0).float().mean() < 0.75
 
 
@@ -97,16 +78,3 @@ def test_every_weight_learns_in_bfloat16_and_the_loss_is_single_precision(denois
     assert losses.dtype == torch.float32
     losses.mean().backward()
     assert all(weight.grad is not None and weight.grad.abs().sum() > 0 for weight in head.parameters())
-
-
-@pytest.mark.parametrize(
-    ("settings", "sentence"),
-    [
-        ({"inference_steps": 3}, "inference_steps must be a power of two, got 3"),
-        ({"finest_steps": 12}, "finest_steps must be a power of two, got 12"),
-        ({"inference_steps": 16}, "must not exceed finest_steps, got 16 > 8"),
-    ],
-)
-def test_steps_that_no_jump_was_learned_for_are_refused(settings, sentence):
-    with pytest.raises(ValidationError, match=sentence):
-        FlowConfig(**settings)
