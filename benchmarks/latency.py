@@ -29,6 +29,7 @@ from juicer.policy.network import PolicyNetwork
 from juicer.policy.torch_settings import compute_settings
 from juicer.rollout import rollout
 from juicer.seed_ranges import Purpose, claim
+from juicer.tasks.specification import Randomness
 from stages.evaluate import EvaluateConfig, evaluate
 from stages.runtime.execution import perform_here
 from stages.runtime.machine import Machine
@@ -69,9 +70,9 @@ def measure(session: Session, checkpoint: ArtifactRef, steps: int | None, episod
     (task,) = loaded.metadata.tasks
     network = loaded.network(steps)
     watch = Stopwatch(network, task)
-    list(rollout(watch, task, "low", claim(Purpose.EVALUATION, 0, 1), num_envs=1))
+    list(rollout(watch, task, Randomness.LOW.value, claim(Purpose.EVALUATION, 0, 1), num_envs=1))
     times = [quantile for each in watch.milliseconds.values() for quantile in np.quantile(each[1:], [0.5, 0.95])]
-    config = EvaluateConfig(task=task, randomness="low", episodes=episodes, inference_steps=steps)
+    config = EvaluateConfig(task=task, randomness=Randomness.LOW, episodes=episodes, inference_steps=steps)
     found = session.store.manifest(evaluate(session, checkpoint=checkpoint, config=config)).summary
     rate = (
         f"{found['successes']:3} of {found['episodes']} ({found['interval_low']:.0%} to {found['interval_high']:.0%})"
