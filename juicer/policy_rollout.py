@@ -35,6 +35,12 @@ class RolloutConfig(RolloutSection):
 
     task: TaskName = Field(description="assembly task")
     randomness: Randomness = Field(description="level of the initial states")
+    inference_steps: int | None = Field(
+        default=None,
+        gt=0,
+        le=1000,
+        description="steps in which a chunk is sampled; as many as the policy says if empty",
+    )
 
 
 def roll_out(
@@ -54,7 +60,7 @@ def roll_out(
     Args:
         checkpoint: Folder of the checkpoint.
         policy_id: Its id, recorded in every episode.
-        config: Task, randomness, limit of steps and noise; where it starts is said by ``seeds``.
+        config: Task, randomness, limit of steps, noise and sampling; where it starts is said by ``seeds``.
         seeds: Initial-state seeds.
         num_envs: Environments that run side by side.
         num_workers: Threads that step them.
@@ -64,12 +70,12 @@ def roll_out(
 
     Raises:
         InvalidCheckpoint: If the checkpoint is damaged, or not of the task.
-        ConfigError: If there is no such device.
+        ConfigError: If there is no such device, or the policy cannot sample in so many steps.
     """
     from juicer.policy.checkpoint import load_policy  # torch takes seconds to import
 
     return rollout(
-        load_policy(checkpoint, config.task, config.max_steps, device),
+        load_policy(checkpoint, config.task, config.max_steps, device, config.inference_steps),
         config.task,
         config.randomness,
         seeds,

@@ -237,12 +237,16 @@ def evaluate(
         str | None,
         typer.Option("--task", help="Task, if the checkpoint was trained for several.", **choice(TASK_NAMES)),
     ] = None,
+    inference_steps: Annotated[
+        int | None,
+        typer.Option("--inference-steps", min=1, help="Steps that sample an action chunk, if not the policy's own."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure the success rate of a checkpoint."""
     from flows.command.evaluate import evaluate_checkpoint
 
-    evaluate_checkpoint(checkpoint, task, episodes, seed_start, randomness, as_json)
+    evaluate_checkpoint(checkpoint, task, episodes, seed_start, randomness, inference_steps, as_json)
 
 
 @app.command()

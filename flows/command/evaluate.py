@@ -22,7 +22,13 @@ if TYPE_CHECKING:
 
 
 def evaluate_checkpoint(
-    text: str, task: str | None, episodes: int, seed_start: int, randomness: str, as_json: bool
+    text: str,
+    task: str | None,
+    episodes: int,
+    seed_start: int,
+    randomness: str,
+    inference_steps: int | None,
+    as_json: bool,
 ) -> None:
     """``juicer evaluate``."""
     from stages.evaluate import EvaluateConfig, evaluate
@@ -34,7 +40,13 @@ def evaluate_checkpoint(
     with open_run(settings, None) as run_context:
         store = run_context.session.store
         task = task or _only_task(store, ref)
-        content = {"task": task, "episodes": episodes, "first": seed_start, "randomness": randomness}
+        content = {
+            "task": task,
+            "episodes": episodes,
+            "first": seed_start,
+            "randomness": randomness,
+            "inference_steps": inference_steps,
+        }
         config = parse_config(content, EvaluateConfig, origin="evaluate")
         session = replace(run_context.session, label=ref.id)
         evaluation = evaluate(session, checkpoint=ref, config=config)

@@ -14,9 +14,9 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from juicer.config import StrictConfig
-from juicer.errors import InvalidCheckpoint
+from juicer.errors import ConfigError, InvalidCheckpoint
 from juicer.policy.acting import TrainedPolicy
-from juicer.policy.config import MOST_PARAMETERS, MOST_TASKS, FeatureSpec, PolicyConfig
+from juicer.policy.config import MOST_PARAMETERS, MOST_TASKS, FeatureSpec, PolicyConfig, sampled_in
 from juicer.policy.network import PolicyNetwork, build_policy
 from juicer.policy.refusals import refusals_as_os_errors
 from juicer.policy.replay import REPLAY_FILE, ReplayPolicy, load_replay
@@ -65,17 +65,32 @@ class Checkpoint:
     weights: Mapping[str, Tensor]
     ema: Mapping[str, Tensor] | None
 
-    def policy(self, task: str, device: str = "cpu") -> TrainedPolicy:
-        """The policy, ready to act on a task, on a torch device.
+    def network(self, inference_steps: int | None = None) -> PolicyNetwork:
+        """The network that acts.
+
+        Args:
+            inference_steps: Steps in which its head samples a chunk, if not as many as it was configured with.
+
+        Raises:
+            InvalidCheckpoint: If the weights do not fit.
+            ConfigError: If its head cannot sample in so many steps.
+        """
+        config = self.metadata.policy
+        if inference_steps is not None:
+            config = sampled_in(config, inference_steps)
+        weights = self.ema if self.metadata.acting_weights == "ema" else self.weights
+        network = build_policy(config, self.metadata.tasks, seed=0)
+        _fill(network, weights or {}, "the checkpoint")
+        return network
+
+    def policy(self, task: str, device: str = "cpu", inference_steps: int | None = None) -> TrainedPolicy:
+        """The policy, ready to act on a task, on a torch device; see :meth:`network`.
 
         Raises:
             InvalidCheckpoint: If it was not trained for the task.
-            ConfigError: If there is no such device.
+            ConfigError: If there is no such device, or its head cannot sample in so many steps.
         """
-        weights = self.ema if self.metadata.acting_weights == "ema" else self.weights
-        network = build_policy(self.metadata.policy, self.metadata.tasks, seed=0)
-        _fill(network, weights or {}, "the checkpoint")
-        return TrainedPolicy(network, task, device=device)
+        return TrainedPolicy(self.network(inference_steps), task, device=device)
 
 
 def save_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
@@ -110,7 +125,11 @@ def load_checkpoint(folder: Path) -> Checkpoint:
 
 
 def load_policy(
-    folder: Path, task: str, max_steps: int | None = None, device: str = "cpu"
+    folder: Path,
+    task: str,
+    max_steps: int | None = None,
+    device: str = "cpu",
+    inference_steps: int | None = None,
 ) -> TrainedPolicy | ReplayPolicy:
     """The policy of a checkpoint folder, ready to act on a task.
 
@@ -119,14 +138,17 @@ def load_policy(
         task: Assembly task that is to be done.
         max_steps: Steps that an episode may take, if not as many as the task allows.
         device: Torch device that computes the actions; a replay computes nothing.
+        inference_steps: Steps in which its head samples a chunk, if not as many as it was configured with.
 
     Raises:
         InvalidCheckpoint: See :func:`load_checkpoint`; or if the policy was not trained for the task.
-        ConfigError: If there is no such device.
+        ConfigError: If there is no such device, or it cannot sample in so many steps.
     """
     if (replay := folder / REPLAY_FILE).exists() or replay.is_symlink():
+        if inference_steps is not None:
+            raise ConfigError("a replay has no inference_steps to choose")
         return load_replay(replay, task, max_steps)
-    return load_checkpoint(folder).policy(task, device)
+    return load_checkpoint(folder).policy(task, device, inference_steps)
 
 
 def _read_metadata(path: Path) -> CheckpointMetadata:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from juicer.config import StrictConfig, canonical_json
+from juicer.config import StrictConfig, canonical_json, parse_config
 from juicer.episode import ACTION_SIZE
+from juicer.errors import ConfigError
 from juicer.policy.encoders.features.config import FeaturesConfig
 from juicer.policy.heads.diffusion.config import DiffusionConfig
 from juicer.policy.members import ENCODERS, HEADS, EncoderConfig, HeadConfig, Size
@@ -157,3 +158,16 @@ def rough_parameters(policy: PolicyConfig) -> int:
     shown = policy.horizons.obs * sum(encoder.rough_features() for encoder in encoders)
     head = policy.head.rough_parameters(policy.horizons.pred * ACTION_SIZE, shown)
     return head + sum(encoder.rough_parameters() for encoder in encoders)
+
+
+def sampled_in(policy: PolicyConfig, inference_steps: int) -> PolicyConfig:
+    """The same policy with a head that samples a chunk in another number of steps.
+
+    Raises:
+        ConfigError: If its head has no such setting, or cannot sample in so many.
+    """
+    head = policy.head
+    if "inference_steps" not in type(head).model_fields:
+        raise ConfigError(f"a head of kind '{head.kind}' has no inference_steps to choose")
+    changed = {**head.model_dump(), "inference_steps": inference_steps}
+    return policy.model_copy(update={"head": parse_config(changed, type(head), origin=f"head '{head.kind}'")})

@@ -25,7 +25,7 @@ class Denoiser(nn.Module, ABC):
 
         Args:
             noisy: Normalised action chunks with noise, ``(B, T_p, A)``.
-            step: Noise level of each, ``(B,)``, from 0 (nearly clean).
+            step: Noise level of each, ``(B,)``, from 0 (nearly clean); a head may use levels between whole numbers.
             condition: What the policy observes.
         """
 

@@ -219,6 +219,7 @@ COUNTS = {
     "channels": "policies: {diffusion: {policy: {head: {denoiser: {kind: unet, channels: [8, 8, VALUE]}}}}}\n",
     "train_timesteps": "policies: {diffusion: {policy: {head: {kind: diffusion, train_timesteps: VALUE}}}}\n",
     "inference_steps": "policies: {diffusion: {policy: {head: {kind: diffusion, inference_steps: VALUE}}}}\n",
+    "flow.inference_steps": "policies: {diffusion: {policy: {head: {kind: flow, inference_steps: VALUE}}}}\n",
     "task_embedding": "policies: {diffusion: {policy: {task_embedding: VALUE}}}\n",
 }
 NO_COUNTS = ("1000000000000", "-1", "true", "1.0", "1e3", "'3'", ".inf", "3:00")

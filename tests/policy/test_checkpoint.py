@@ -6,9 +6,10 @@ import torch
 
 from juicer.errors import ConfigError, InvalidCheckpoint
 from juicer.policy.checkpoint import Checkpoint, CheckpointMetadata, load_checkpoint, load_policy, save_checkpoint
-from juicer.policy.config import PolicyConfig
+from juicer.policy.config import PolicyConfig, sampled_in
 from juicer.policy.denoisers.mlp.config import MLPDenoiserConfig
 from juicer.policy.heads.diffusion.config import DiffusionConfig
+from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.policy.network import build_policy
 
 CONFIG = PolicyConfig(head=DiffusionConfig(denoiser=MLPDenoiserConfig(width=16, blocks=1), prediction="sample"))
@@ -33,6 +34,22 @@ def test_a_policy_acts_the_same_after_saving_and_loading(checkpoint, observe, tm
     save_checkpoint(tmp_path, checkpoint)
     loaded = load_policy(tmp_path, "toy")
     np.testing.assert_array_equal(act(loaded, observe(3)), act(checkpoint.policy("toy"), observe(3)))
+
+
+def test_a_chunk_is_sampled_in_other_steps_than_configured_if_asked(checkpoint, observe, tmp_path):
+    save_checkpoint(tmp_path, checkpoint)
+    own = load_policy(tmp_path, "toy")
+    np.testing.assert_array_equal(
+        act(load_policy(tmp_path, "toy", inference_steps=CONFIG.head.inference_steps), observe(3)), act(own, observe(3))
+    )
+    assert not np.array_equal(act(load_policy(tmp_path, "toy", inference_steps=1), observe(3)), act(own, observe(3)))
+    with pytest.raises(ConfigError, match="head 'diffusion': inference_steps must not exceed train_timesteps, got 101"):
+        load_policy(tmp_path, "toy", inference_steps=101)
+
+
+def test_a_head_without_steps_is_not_asked_for_other_ones():
+    with pytest.raises(ConfigError, match="a head of kind 'mlp' has no inference_steps"):
+        sampled_in(PolicyConfig(head=MLPHeadConfig()), 4)
 
 
 def test_the_moving_average_acts_if_the_checkpoint_says_so(checkpoint, observe, spec, tmp_path):

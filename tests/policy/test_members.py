@@ -161,7 +161,7 @@ def test_every_folder_is_a_member_and_every_member_has_a_folder():
         ({"observation": {"state": {"kind": "features", "pair": 1}}}, "unknown key .*; did you mean 'pairs'"),
         ({"observation": {"pairs": "all"}}, r"observation: names one encoder or several, e\.g\. {state: {kind: feat"),
         ({"observation": {"task": {"kind": "features"}}}, "an encoder may not be called 'task'"),
-        ({"head": {"kind": "flow"}}, "head: kind must be one of diffusion, mlp"),
+        ({"head": {"kind": "adversarial"}}, "head: kind must be one of diffusion, flow, mlp"),
     ],
 )
 def test_a_choice_that_is_none_is_refused_in_a_sentence(policy, sentence):

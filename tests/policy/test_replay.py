@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from juicer.errors import InvalidCheckpoint, InvalidObservation
+from juicer.errors import ConfigError, InvalidCheckpoint, InvalidObservation
 from juicer.policy.checkpoint import load_policy
 from juicer.policy.replay import REPLAY_FILE, ReplayPolicy
 
@@ -75,3 +75,9 @@ def test_last_action_is_held_however_long_the_episode_may_take(policy, tmp_path)
     assert longer.action_horizon == 12
     np.testing.assert_allclose(play(longer, poses(0.0))[0, :, 0], [0.1] + [0.9] * 11)
     assert load_policy(tmp_path, "toy", max_steps=3).action_horizon == policy.action_horizon
+
+
+def test_a_replay_is_not_asked_for_sampling_steps(policy, tmp_path):
+    policy.save(tmp_path, "toy")
+    with pytest.raises(ConfigError, match="a replay has no inference_steps"):
+        load_policy(tmp_path, "toy", inference_steps=4)

@@ -341,6 +341,13 @@ def test_evaluation_does_not_depend_on_how_many_episodes_run_beside_each_other(l
     assert store.manifest(again).content == loop.store.manifest(loop.evaluation).content
 
 
+def test_other_sampling_steps_make_another_evaluation_and_a_head_without_them_refuses_them(loop):
+    config = EVALUATE.model_copy(update={"inference_steps": 2})
+    assert evaluate.prepare(loop.store, checkpoint=loop.checkpoint, config=config).ref != loop.evaluation
+    with pytest.raises(ConfigError, match="a head of kind 'mlp' has no inference_steps"):
+        evaluate(loop.session, checkpoint=loop.checkpoint, config=config)
+
+
 def test_inputs_of_the_wrong_kind_are_refused(loop):
     with pytest.raises(WrongArtifactKind, match="stage 'train' needs 'dataset'"):
         train(loop.session, dataset=loop.demonstrations, config=TRAIN)

@@ -13,8 +13,10 @@ import torch
 from juicer.errors import ConfigError, TrainingFailed
 from juicer.policy.checkpoint import load_policy, save_checkpoint
 from juicer.policy.config import HorizonConfig, PolicyConfig
+from juicer.policy.denoisers.mlp.config import MLPDenoiserConfig
 from juicer.policy.denoisers.unet.config import UNetConfig
 from juicer.policy.heads.diffusion.config import DiffusionConfig
+from juicer.policy.heads.flow.config import FlowConfig
 from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.policy.tasks import as_shown
 from juicer.training.config import OriginalStateNoise, PhysicalStateNoise
@@ -24,6 +26,7 @@ from juicer.training.trainer import train
 
 HEADS = {
     "mlp": MLPHeadConfig(width=32, blocks=1),
+    "flow": FlowConfig(denoiser=MLPDenoiserConfig(width=32, blocks=1, step_embedding=8)),
     "unet": DiffusionConfig(denoiser=UNetConfig(channels=(16, 16, 16), step_embedding=8)),
 }
 
@@ -177,6 +180,17 @@ def test_every_head_trains_and_acts(episodes, tasks, training_config, tmp_path, 
     actions = load_policy(tmp_path, "toy").predict(rows, [np.random.default_rng(0)] * 3)
     assert np.isfinite(actions).all()
     assert math.isfinite(trained.facts["train/loss"])
+
+
+@pytest.mark.parametrize("head", HEADS.values(), ids=HEADS.keys())
+def test_every_head_resumes_bit_for_bit(episodes, tasks, training_config, tmp_path, head):
+    policy = PolicyConfig(head=head, horizons=HorizonConfig(pred=8, action=4))
+    changes = {"steps": 10, "warmup_steps": 2, "save_every": 4, "report_every": 1, "precision": "bf16"}
+    arguments = ([episodes()], policy, tasks, training_config.model_copy(update=changes))
+    with pytest.raises(KilledError):
+        train(*arguments, seed=3, scratch=tmp_path, progress=kill_at(6))
+    resumed = train(*arguments, seed=3, scratch=tmp_path)
+    assert_equal_checkpoints(train(*arguments, seed=3).checkpoint, resumed.checkpoint)
 
 
 @pytest.mark.parametrize(("has_bfloat16", "precision"), [(True, "bf16"), (False, "fp32")])

@@ -1,1 +1,1 @@
-"""Networks of the diffusion head: a folder each with ``config.py`` and ``network.py``, chosen by ``kind``."""
+"""Networks of the heads that remove noise: a folder each with ``config.py`` and ``network.py``, chosen by ``kind``."""

@@ -1,0 +1,1 @@
+"""Flow of noise into action chunks, in one step or a few."""
