@@ -343,7 +343,7 @@ def test_evaluation_does_not_depend_on_how_many_episodes_run_beside_each_other(l
 
 def test_other_sampling_steps_make_another_evaluation_and_a_head_without_them_refuses_them(loop):
     config = EVALUATE.model_copy(update={"inference_steps": 2})
-    assert evaluate.prepare(loop.store, checkpoint=loop.checkpoint, config=config).ref != loop.evaluation
+    assert evaluate.prepare(loop.store, checkpoint=loop.checkpoint, config=config).recipe.ref != loop.evaluation
     with pytest.raises(ConfigError, match="a head of kind 'mlp' has no inference_steps"):
         evaluate(loop.session, checkpoint=loop.checkpoint, config=config)
 
