@@ -11,6 +11,7 @@ from pathlib import Path
 import av
 import numpy as np
 import PIL.Image
+from numpy.typing import NDArray
 
 from juicer.episode import Episode
 from juicer.errors import ConfigError, InvalidEpisode, JuicerError
