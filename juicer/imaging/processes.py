@@ -63,8 +63,7 @@ class DrawingProcesses:
             self._links.append(link)
             self._processes.append(process)
         try:
-            names: set[str] = {_received(link) for link in self._links}
-            (self.gl,) = names
+            self.gl = " and ".join(sorted({_received(link) for link in self._links}))
         except BaseException:
             self.close()
             raise
@@ -78,6 +77,11 @@ class DrawingProcesses:
     ) -> None:
         """End them."""
         self.close()
+
+    @property
+    def pids(self) -> tuple[int, ...]:
+        """Their numbers in the system."""
+        return tuple(process.pid or 0 for process in self._processes)
 
     def close(self) -> None:
         """End them; what they are at is lost."""
@@ -98,22 +102,33 @@ class DrawingProcesses:
         for link, scenes in zip(cycle(self._links), batches, strict=False):
             if len(ahead) == AHEAD * len(self._links):
                 yield _received(ahead.popleft())
-            link.send(scenes)
+            _send(link, scenes)
             ahead.append(link)
         while ahead:
             yield _received(ahead.popleft())
+
+
+def _send(link: Connection, scenes: Scenes) -> None:
+    try:
+        link.send(scenes)
+    except OSError:
+        raise _ended() from None
 
 
 def _received(link: Connection) -> Any:
     try:
         answer = link.recv()
     except (EOFError, OSError):
-        raise RenderingUnavailable(
-            "a process that draws images ended before its work was done; the machine may have run out of memory"
-        ) from None
+        raise _ended() from None
     if isinstance(answer, Exception):
         raise answer
     return answer
+
+
+def _ended() -> RenderingUnavailable:
+    return RenderingUnavailable(
+        "a process that draws images ended before its work was done; the machine may have run out of memory"
+    )
 
 
 def _work(link: Connection, task: str, view: View) -> None:
