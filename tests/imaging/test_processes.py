@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -45,6 +46,16 @@ def test_batches_come_back_in_their_order(scenes):
     ]
     with DrawingProcesses("one_leg", VIEW, workers=2) as processes:
         assert [len(images) for images in processes.draw(iter(batches))] == [3, 1, 2, 5, 1, 1, 4]
+
+
+def test_a_process_that_may_start_no_others_draws_the_same_itself(scenes, monkeypatch):
+    with DrawingProcesses("one_leg", VIEW, workers=1) as processes:
+        (images,) = processes.draw([scenes])
+    monkeypatch.setitem(multiprocessing.current_process()._config, "daemon", True)
+    with DrawingProcesses("one_leg", VIEW, workers=1) as processes:
+        (own,) = processes.draw([scenes])
+        assert processes.pids == ()
+    np.testing.assert_array_equal(own, images)
 
 
 def test_a_process_that_dies_is_told(scenes):
