@@ -40,8 +40,8 @@ class Scenes(NamedTuple):
 class DrawingProcesses:
     """Processes that draw a view of one task's scenes, each with an OpenGL context of its own.
 
-    They end when they are closed, or with the process that started them, whatever ends that. A process that may start no
-    others, as workers of a cluster are, draws itself.
+    They end when they are closed, or with the process that started them, whatever ends that. A process that may start
+    none, as a worker of a cluster is, draws itself.
 
     Attributes:
         gl: What draws, in the words of its OpenGL platform.
