@@ -32,8 +32,9 @@ class ServedPolicy:
         """Next actions of N episodes.
 
         Args:
-            model_input: ``proprioception`` ``(N, 16)`` and ``part_poses`` ``(N, 7 P)``: a mapping, or a DataFrame with
-                a row an episode and an array in each cell. With ``T_o`` above one, the last ``T_o`` of them.
+            model_input: What the policy observes, e.g. ``proprioception`` ``(N, 16)`` and ``part_poses`` ``(N, 7 P)``,
+                or images ``(N, h, w, 3)`` uint8 of its views: a mapping, or a DataFrame with a row an episode and an
+                array in each cell. With ``T_o`` above one, the last ``T_o`` of them.
 
         Returns:
             Absolute actions ``(N, T_a, 10)``, robot base frame.
@@ -41,7 +42,7 @@ class ServedPolicy:
         Raises:
             InvalidObservation: If an array is missing or has another shape.
         """
-        rows = {name: np.asarray(list(values), dtype=np.float32) for name, values in model_input.items()}
+        rows = {name: np.asarray(list(values)) for name, values in model_input.items()}
         num_rows = max(map(len, rows.values()), default=0)
         self._streams += [stream(0, "served policy", row) for row in range(len(self._streams), num_rows)]
         return self._policy.predict(rows, self._streams[:num_rows])

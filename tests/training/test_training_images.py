@@ -20,6 +20,7 @@ from juicer.policy.encoders.proprioception.config import ProprioceptionConfig
 from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.policy.image_augmentation.config import ImageAugmentation
 from juicer.policy.pretrained.config import Weights
+from juicer.policy.served import ServedPolicy
 from juicer.training.trainer import train
 from juicer.training.windows import TrainingEpisodes
 from juicer.views import View
@@ -77,6 +78,8 @@ def test_a_policy_that_sees_is_trained_saved_and_acts(frozen, seen, tasks, train
     assert actions.shape == (3, 4, 10)
     alone = acting.predict({name: values[1:2] for name, values in rows.items()}, [np.random.default_rng(1)])
     np.testing.assert_array_equal(alone[0], actions[1])
+    served = ServedPolicy(acting).predict({name: list(values) for name, values in rows.items()})
+    assert served.shape == actions.shape
 
 
 def test_a_resumed_training_of_images_ends_bit_for_bit_as_an_unbroken_one(seen, tasks, training_config, tmp_path):
