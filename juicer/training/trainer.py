@@ -105,19 +105,11 @@ def train(
         loop = _Loop(learner, windows, config, order, metrics or NullMetricSink())
         identity = training_identity(episodes, _settings(policy, tasks, config, seed))
         facts = loop.run(identity, scratch, progress)
-    metadata = CheckpointMetadata(
-        schema_version=SCHEMA_VERSION,
-        policy=policy,
-        tasks=dict(tasks),
-        acting_weights="raw" if learner.ema is None else "ema",
-        step=config.steps,
-    )
-    ema = None if learner.ema is None else _on_cpu(learner.ema)
     machine = {"device": torch_device.type, "precision": learner.precision}
     if pretrained:
         machine["pretrained"] = ", ".join(f"{each.file} ({each.licence})" for each in pretrained)
     return TrainedCheckpoint(
-        checkpoint=Checkpoint(metadata, _on_cpu(network), ema),
+        checkpoint=_checkpoint(learner, policy, tasks, config.steps),
         facts={**machine, **facts},
         use=use,
         losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
@@ -238,6 +230,17 @@ def _check_noise(policy: PolicyConfig, config: TrainingConfig) -> None:
             "state_noise 'original' perturbs normalised numbers, from which no pose for relative actions can be "
             "taken; use state_noise 'physical' or action_frame 'absolute'"
         )
+
+
+def _checkpoint(learner: Learner, policy: PolicyConfig, tasks: Tasks, steps: int) -> Checkpoint:
+    metadata = CheckpointMetadata(
+        schema_version=SCHEMA_VERSION,
+        policy=policy,
+        tasks=dict(tasks),
+        acting_weights="raw" if learner.ema is None else "ema",
+        step=steps,
+    )
+    return Checkpoint(metadata, _on_cpu(learner.network), None if learner.ema is None else _on_cpu(learner.ema))
 
 
 def _settings(policy: PolicyConfig, tasks: Tasks, config: TrainingConfig, seed: int) -> dict[str, object]:

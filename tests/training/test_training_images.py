@@ -39,6 +39,12 @@ def seen():
     return TrainingEpisodes(observations, actions, np.arange(20, steps + 1, 20), list("abcd"), ["teleop"] * 4)
 
 
+@pytest.fixture
+def training_config(training_config):
+    """A few steps: what is asked here shows after one."""
+    return training_config.model_copy(update={"steps": 12, "save_every": 5, "batch_size": 8, "validate_every": 12})
+
+
 def policy_of(**settings):
     images = ImagesConfig(**{"views": VIEWS, "backbone": SMALL, "projection": 8, **settings})
     return PolicyConfig(
@@ -128,7 +134,7 @@ def test_what_is_trained_starts_from_its_file_and_leaves_it(seen, tasks, trainin
 
 def test_statistics_of_batches_pass_into_the_moving_average(seen, tasks, training_config):
     policy = policy_of(backbone=EfficientNetLiteConfig())
-    config = training_config.model_copy(update={"batch_size": 64, "steps": 8, "warmup_steps": 1, "ema_decay": 0.99})
+    config = training_config.model_copy(update={"steps": 4, "warmup_steps": 1, "batch_size": 32, "ema_decay": 0.99})
     trained = train([seen], policy, tasks, config, seed=0).checkpoint
     own, average = images_of(trained), images_of(trained, "ema")
     assert float(own["0._bn0.running_mean"].abs().max()) > 0
