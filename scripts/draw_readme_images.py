@@ -1,9 +1,9 @@
 """Draw the images of README.md from demonstrations in a store.
 
 For each task: juicer stage record --config laptop --set task=TASK --set record.demonstrations=1, then the stage ingest
-likewise, which prints the id. Then, with the four ids in the order of TASKS:
+likewise, which prints the id. Then, after make looks, with the four ids in the order of TASKS:
 
-python scripts/draw_readme_images.py ID ID ID ID [--store data]
+MUJOCO_GL=egl python scripts/draw_readme_images.py ID ID ID ID [--store data]
 """
 
 from __future__ import annotations
