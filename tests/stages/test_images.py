@@ -14,6 +14,8 @@ from juicer.demonstration.log import write_log
 from juicer.errors import ArtifactError, InvalidObservation
 from juicer.policy.checkpoint import load_policy
 from juicer.policy.config import PolicyConfig
+from juicer.policy.served import _load_pyfunc
+from juicer.rollout import rollout
 from juicer.storage.dataset import read_dataset
 from juicer.storage.evaluations import read_evaluation
 from juicer.training.config import TrainingConfig
@@ -94,8 +96,6 @@ def test_a_policy_learns_from_the_images_of_its_views_and_says_so(looking):
 def test_it_acts_alike_however_many_episodes_run_beside_it(looking):
     policy = load_policy(looking.store.open(looking.checkpoint), "one_leg")
     assert {spec.name for spec in policy.observations} == {"proprioception", GAZE.name, WRIST.name}
-    from juicer.rollout import rollout
-
     seeds = range(3)
     alone, together = (
         list(rollout(policy, "one_leg", "low", seeds, num_envs=number, max_steps=12)) for number in (1, 3)
@@ -148,3 +148,14 @@ def test_images_that_it_was_not_trained_with_are_refused(looking, rng, change, w
     other = {GAZE.name: change(gaze)} if change else {View(camera="front").name: gaze}
     with pytest.raises(InvalidObservation, match=words):
         policy.predict(seen | other, [rng])
+
+
+def test_it_is_served_images_as_arrays_or_as_the_numbers_of_json(looking):
+    rng = np.random.default_rng(0)
+    seen = {"proprioception": rng.normal(size=(1, 2, 16))}
+    for view in (GAZE, WRIST):
+        seen[view.name] = rng.integers(0, 256, (1, 2, view.height, view.width, 3), dtype=np.uint8)
+    served, again = (_load_pyfunc(str(looking.store.open(looking.checkpoint)), {"task": "one_leg"}) for _ in range(2))
+    actions = served.predict(seen)
+    assert actions.shape == (1, 4, 10)
+    np.testing.assert_array_equal(actions, again.predict({name: values.tolist() for name, values in seen.items()}))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 
 from juicer.config import parse_config
-from juicer.errors import ConfigError
+from juicer.errors import ConfigError, InvalidObservation
+from juicer.policy.acting import TrainedPolicy
 from juicer.policy.config import PolicyConfig, rough_parameters
 from juicer.policy.encoder import Encoders, build_encoder
 from juicer.policy.encoders.images.config import ImagesConfig
@@ -82,6 +84,30 @@ def test_the_size_of_a_policy_that_sees_is_known_before_it_is_built(tasks, froze
     images = ImagesConfig(frozen=frozen, projection=projection)
     config = PolicyConfig(observation={"images": images}, head={"kind": "mlp"})
     assert rough_parameters(config) == pytest.approx(build_policy(config, tasks, 0).num_parameters, rel=0.05)
+
+
+def test_a_policy_too_large_for_memory_is_refused_before_it_is_built():
+    backbone = {"kind": "small_cnn", "eighth": 1024, "grid": 16}
+    images = {"kind": "images", "backbone": backbone, "projection": 16_384}
+    with pytest.raises(ConfigError, match=r"a policy of about .* weights is too large"):
+        parse_config({"observation": {"images": images}}, PolicyConfig, origin="test")
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        (np.full((1, 24, 32, 3), np.nan, np.float32), "must be of type uint8, got float32"),
+        (np.zeros((1, 32, 24, 3), np.uint8), r"must have shape \(1, 1, 24, 32, 3\)"),
+    ],
+)
+def test_an_image_that_is_none_of_its_view_is_refused_when_acting(values, sentence, tasks):
+    images = ImagesConfig(views={"front": VIEWS["front"]})
+    acting = TrainedPolicy(
+        build_policy(PolicyConfig(observation={"images": images}, head={"kind": "mlp"}), tasks, 0), "toy"
+    )
+    shown = {"proprioception": np.zeros((1, 16), np.float32), VIEWS["front"].name: values}
+    with pytest.raises(InvalidObservation, match=sentence):
+        acting.predict(shown, [np.random.default_rng(0)])
 
 
 def test_a_view_too_small_for_the_backbone_is_refused_in_a_sentence():
