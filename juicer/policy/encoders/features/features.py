@@ -13,10 +13,15 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from juicer.episode import PROPRIOCEPTION_SIZE
 from juicer.policy.actions import POSITION, ROTATION
 from juicer.policy.config import FeatureSpec, PairSpec, Target
 from juicer.policy.encoders.features.config import FeaturesConfig
 from juicer.policy.rotations import matrix_to_rot6d, quat_to_matrix, rot6d_to_matrix, rotate_back
+from juicer.policy.tasks import size_of_part_poses
+
+_SATURATED = 0.85
+"""Of a copy, from which on the next coarser one tells more."""
 
 
 class _BatchedPose(NamedTuple):
@@ -60,6 +65,44 @@ def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config
     which = nn.functional.one_hot(following, len(pairs))[..., 1:]
     features = torch.take_along_dim(torch.stack(pairs, dim=-2), shown, dim=-2).flatten(-2)
     return torch.cat([proprioception, features, which], dim=-1)
+
+
+def num_features(spec: FeatureSpec, config: FeaturesConfig) -> int:
+    """How many features a task has."""
+    sizes = {"proprioception": PROPRIOCEPTION_SIZE, "part_poses": size_of_part_poses(spec)}
+    blank = {name: torch.zeros(1, size) for name, size in sizes.items()}
+    return state_features(blank, spec, config).shape[-1]
+
+
+def num_choices(spec: FeatureSpec, config: FeaturesConfig) -> int:
+    """Among how many pairs the one that is next is told, by the last features: one number for each but the first."""
+    return len(spec.pairs) if config.pairs == "next" else 1
+
+
+class SeenPair(NamedTuple):
+    """What features tell of the pair that is shown first.
+
+    Attributes:
+        offsets_m: Of the first part from the gripper, of the second from the gripper, and of the second from its target,
+            each in the frame of what it is seen from ``(..., 3, 3)`` [m].
+        axes: The y axes of the same parts in the same frames ``(..., 3, 3)``.
+    """
+
+    offsets_m: Tensor
+    axes: Tensor
+
+
+def read_pair(features: Tensor, config: FeaturesConfig) -> SeenPair:
+    """Read features ``(..., F)`` back; each coordinate of an offset from the finest copy that does not saturate."""
+    numbers = features[..., PROPRIOCEPTION_SIZE:]
+    # Of five poses, the last three; each is an offset and a rotation.
+    poses = numbers[..., 18:45].unflatten(-1, (3, 9))
+    offsets = poses[..., :3]
+    for number, scale_m in sorted(enumerate(config.fine_scales_m), key=lambda each: -each[1]):
+        start = 48 + 12 * number
+        copy = numbers[..., start : start + 9].unflatten(-1, (3, 3))
+        offsets = torch.where(copy.abs() < _SATURATED, copy.clamp(-_SATURATED, _SATURATED).atanh() * scale_m, offsets)
+    return SeenPair(offsets, rot6d_to_matrix(poses[..., 3:])[..., :, 1])
 
 
 class _PlacedPair(NamedTuple):
