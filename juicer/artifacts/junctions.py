@@ -12,6 +12,7 @@ from pydantic import BaseModel
 from juicer.config import StrictConfig, models_in
 
 JUNCTIONS = (
+    "juicer.policy.backbones",
     "juicer.policy.encoders",
     "juicer.policy.heads",
     "juicer.policy.denoisers",

@@ -19,8 +19,6 @@ MOST_PARAMETERS = 500_000_000
 MOST_PARTS, MOST_PAIRS, MOST_TARGETS, MOST_TASKS = 64, 32, 16, 16
 MOST_ENCODERS = 16
 MOST_HORIZON = 1024
-_TYPICAL_FEATURES = 256
-"""Numbers that a network is shown of a step, for the estimate of its size."""
 
 if TYPE_CHECKING:
     AnyEncoder = EncoderConfig
@@ -143,5 +141,7 @@ class PolicyConfig(StrictConfig):
 
 def rough_parameters(policy: PolicyConfig) -> int:
     """Learned weights of a policy, to within a few per cent for the sizes that matter."""
-    chunk, shown = policy.horizons.pred * ACTION_SIZE, policy.horizons.obs * _TYPICAL_FEATURES
-    return policy.head.rough_parameters(chunk, shown)
+    encoders = policy.observation.values()
+    shown = policy.horizons.obs * sum(encoder.rough_features() for encoder in encoders)
+    head = policy.head.rough_parameters(policy.horizons.pred * ACTION_SIZE, shown)
+    return head + sum(encoder.rough_parameters() for encoder in encoders)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from torch import Tensor, nn
 
@@ -18,8 +18,12 @@ from juicer.policy.tasks import Tasks
 
 PROPRIOCEPTION = SIMULATOR["proprioception"]
 
+Part = Tensor | Mapping[str, Tensor]
+"""What one encoder has prepared: a tensor, or several by names of its own."""
+
 Prepared = Mapping[str, Tensor]
-"""What each encoder of a policy has prepared, by the encoder's name."""
+"""What each encoder of a policy has prepared, by the encoder's name; of one that prepares several tensors, each by
+``encoder.name``. So whoever takes rows of it need not know the encoders."""
 
 
 class ObservationEncoder(nn.Module, ABC):
@@ -47,16 +51,19 @@ class ObservationEncoder(nn.Module, ABC):
         """Learn limits from the lessons ``(..., *shape)`` of the training windows."""
 
     @abstractmethod
-    def prepare(self, observations: Mapping[str, Tensor]) -> Tensor:
-        """The fixed part: ``(..., *prepared shape)`` of observations ``(..., *shape)``, row by row."""
+    def prepare(self, observations: Mapping[str, Tensor]) -> Part:
+        """The fixed part: ``(..., *prepared shape)`` of observations ``(..., *shape)``, row by row.
 
-    def prepare_lessons(self, lessons: Mapping[str, Tensor]) -> Tensor:
+        What it takes as it is, such as images, it returns without a copy.
+        """
+
+    def prepare_lessons(self, lessons: Mapping[str, Tensor]) -> Part:
         """The same of :attr:`lessons`."""
         return self.prepare(lessons)
 
     @abstractmethod
-    def forward(self, prepared: Tensor) -> Tensor:
-        """The learned part: tokens ``(B, K, C)`` of prepared rows ``(B, T_o, ...)``."""
+    def forward(self, prepared: Any) -> Tensor:
+        """The learned part: tokens ``(B, K, C)`` of rows ``(B, T_o, ...)`` of what :meth:`prepare` returns."""
 
 
 def build_encoder(config: EncoderConfig, tasks: Tasks, obs_horizon: int) -> ObservationEncoder:
@@ -85,8 +92,8 @@ class Encoders(nn.Module):
         self.members = nn.ModuleList(
             build_encoder(each, tasks, config.horizons.obs) for each in config.observation.values()
         )
-        self.observations = _together(encoder.observations for _, encoder in self.items())
-        self.lessons = _together(encoder.lessons for _, encoder in self.items())
+        self.observations = _declared(encoder.observations for _, encoder in self.items())
+        self.lessons = _declared(encoder.lessons for _, encoder in self.items())
         self.embedding = nn.Embedding(len(tasks), config.task_embedding) if len(tasks) > 1 else None
         self.sizes: ConditionSizes = {name: encoder.token_size for name, encoder in self.items()}
         if self.embedding is not None:
@@ -105,24 +112,34 @@ class Encoders(nn.Module):
 
     def prepare(self, observations: Mapping[str, Tensor]) -> Prepared:
         """What every encoder prepares of observations ``(..., *shape)``, and the number of the task."""
-        return self._with_task({name: encoder.prepare(observations) for name, encoder in self.items()}, observations)
+        return self._together({name: encoder.prepare(observations) for name, encoder in self.items()}, observations)
 
     def prepare_lessons(self, lessons: Mapping[str, Tensor]) -> Prepared:
         """The same of what they are shown in training."""
-        return self._with_task({name: encoder.prepare_lessons(lessons) for name, encoder in self.items()}, lessons)
+        return self._together({name: encoder.prepare_lessons(lessons) for name, encoder in self.items()}, lessons)
 
     def forward(self, prepared: Prepared) -> Condition:
         """Condition of prepared rows ``(B, T_o, ...)``."""
-        condition = {name: encoder(prepared[name]) for name, encoder in self.items()}
+        condition = {name: encoder(_part(prepared, name)) for name, encoder in self.items()}
         if self.embedding is None:
             return condition
         return {**condition, TASK_KEY: self.embedding(prepared[TASK_KEY][:, -1].long())}
 
-    def _with_task(self, prepared: Prepared, shown: Mapping[str, Tensor]) -> Prepared:
+    def _together(self, parts: Mapping[str, Part], shown: Mapping[str, Tensor]) -> Prepared:
+        prepared: dict[str, Tensor] = {}
+        for name, part in parts.items():
+            prepared |= {name: part} if isinstance(part, Tensor) else {f"{name}.{key}": part[key] for key in part}
         return prepared if self.embedding is None else {**prepared, TASK_KEY: shown[TASK_KEY]}
 
 
-def _together(observations: Iterable[tuple[ArraySpec, ...]]) -> tuple[ArraySpec, ...]:
+def _part(prepared: Prepared, name: str) -> Part:
+    """What the encoder of a name has prepared."""
+    prefix = f"{name}."
+    several = {key.removeprefix(prefix): value for key, value in prepared.items() if key.startswith(prefix)}
+    return several or prepared[name]
+
+
+def _declared(observations: Iterable[tuple[ArraySpec, ...]]) -> tuple[ArraySpec, ...]:
     found = {PROPRIOCEPTION.name: PROPRIOCEPTION}
     for spec in chain.from_iterable(observations):
         if found.setdefault(spec.name, spec) != spec:

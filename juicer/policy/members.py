@@ -1,23 +1,62 @@
-"""The three families that a policy is made of, as configuration; free of torch."""
+"""The families that a policy is made of, as configuration; free of torch."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
 from juicer.policy.family import Family, MemberConfig
 
 MOST_BLOCKS = 64
+TYPICAL_FEATURES = 256
+"""Numbers that an encoder yields of a step, where it does not say."""
 
 Size = Annotated[int, Field(gt=0, le=16_384)]
 """Width of a layer."""
 Blocks = Annotated[int, Field(gt=0, le=MOST_BLOCKS)]
 """Number of layers."""
+Colour = tuple[float, float, float]
+"""Red, green and blue."""
 
 
 class EncoderConfig(MemberConfig):
     """How some observations become a part of the condition; see :class:`juicer.policy.encoder.ObservationEncoder`."""
+
+    def rough_features(self) -> int:
+        """Numbers that it yields of a step, roughly: for the estimate of a policy's size."""
+        return TYPICAL_FEATURES
+
+    def rough_parameters(self) -> int:
+        """Its weights to within a few per cent, or 0 if that is not known before it is built."""
+        return 0
+
+
+class BackboneConfig(MemberConfig):
+    """A network from images to features; see :class:`juicer.policy.backbone.Backbone`.
+
+    Attributes:
+        pixel_mean: Of red, green and blue, in shares of full brightness: what is taken off before the network.
+        pixel_std: What they are divided by then.
+    """
+
+    pixel_mean: ClassVar[Colour] = (0.485, 0.456, 0.406)
+    pixel_std: ClassVar[Colour] = (0.229, 0.224, 0.225)
+
+    def check_size(self, height: int, width: int) -> None:
+        """Refuse images of a size that the network cannot take.
+
+        Raises:
+            ValueError: With a sentence that says why.
+        """
+
+    def rough_features(self) -> int:
+        """Numbers that it yields of an image, roughly."""
+        return TYPICAL_FEATURES
+
+    def rough_parameters(self) -> int:
+        """Its weights to within a few per cent, or 0 if that is not known before it is built."""
+        return 0
 
 
 class ChunkConfig(MemberConfig):
@@ -49,6 +88,7 @@ class DenoiserConfig(ChunkConfig):
 
 
 ENCODERS = Family(EncoderConfig, "juicer.policy.encoders", "juicer.encoders")
+BACKBONES = Family(BackboneConfig, "juicer.policy.backbones", "juicer.backbones")
 HEADS = Family(HeadConfig, "juicer.policy.heads", "juicer.heads")
 DENOISERS = Family(DenoiserConfig, "juicer.policy.denoisers", "juicer.denoisers")
 

@@ -128,6 +128,8 @@ MEMBERS = tuple(
     edit(name, f"juicer/policy/{path}", CODE, again)
     for name, path, again in (
         ("the encoder that the policies use", "encoders/features/config.py", FROM_TRAINING),
+        ("an encoder that they do not use", "encoders/images/network.py", NOTHING),
+        ("a backbone that they do not use", "backbones/small_cnn/network.py", NOTHING),
         ("the head that the policies use", "heads/diffusion/network.py", FROM_TRAINING),
         ("a head that they do not use", "heads/mlp/network.py", NOTHING),
         ("a denoiser that they do not use", "denoisers/mlp/network.py", NOTHING),
@@ -136,6 +138,7 @@ MEMBERS = tuple(
 )
 CHANGES = (
     member("a new encoder", "juicer/policy/encoders/resnet", NOTHING),
+    member("a new backbone", "juicer/policy/backbones/mobilenet", NOTHING),
     member("a new head", "juicer/policy/heads/flow_matching", NOTHING),
     *MEMBERS,
     edit("a fifth task", "juicer/tasks/stool.py", append(FIFTH), NOTHING),

@@ -12,7 +12,7 @@ import pytest
 from juicer.config import parse_config
 from juicer.errors import ConfigError
 from juicer.policy.config import PolicyConfig
-from juicer.policy.members import DENOISERS, ENCODERS, HEADS
+from juicer.policy.members import BACKBONES, DENOISERS, ENCODERS, HEADS
 
 CONFIGS = '''
 from typing import ClassVar, Literal
@@ -143,7 +143,7 @@ def test_an_encoder_and_a_head_from_elsewhere_train_and_act(installed, tmp_path,
 
 
 def test_every_folder_is_a_member_and_every_member_has_a_folder():
-    for family in (ENCODERS, HEADS, DENOISERS):
+    for family in (ENCODERS, BACKBONES, HEADS, DENOISERS):
         for kind, config in family.members.items():
             assert config.__module__ == f"{family.package}.{kind}.config"
             assert config.network.startswith(f"{family.package}.{kind}.network:")
@@ -154,7 +154,10 @@ def test_every_folder_is_a_member_and_every_member_has_a_folder():
     ("policy", "sentence"),
     [
         ({"observation": {"state": {}}}, "observation.state: must say its 'kind'"),
-        ({"observation": {"state": {"kind": "feature"}}}, "kind must be one of features.*did you mean 'features'"),
+        (
+            {"observation": {"state": {"kind": "feature"}}},
+            "kind must be one of features, images, proprioception.*did you mean 'features'",
+        ),
         ({"observation": {"state": {"kind": "features", "pair": 1}}}, "unknown key .*; did you mean 'pairs'"),
         ({"observation": {"pairs": "all"}}, r"observation: names one encoder or several, e\.g\. {state: {kind: feat"),
         ({"observation": {"task": {"kind": "features"}}}, "an encoder may not be called 'task'"),

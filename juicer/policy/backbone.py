@@ -1,0 +1,65 @@
+"""What every network from images to features has in common."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import torch
+from torch import Tensor, nn
+
+from juicer.policy.members import BackboneConfig
+
+
+class Backbone(nn.Module, ABC):
+    """Network from images to features.
+
+    It is built with its configuration and the height and width of its images.
+
+    Attributes:
+        num_features: Length C of its features.
+    """
+
+    num_features: int
+
+    @abstractmethod
+    def forward(self, images: Tensor) -> Tensor:
+        """Features ``(B, C)`` of images ``(B, 3, H, W)``, normalised by :class:`Pixels`."""
+
+
+def build_backbone(config: BackboneConfig, size: tuple[int, int]) -> Backbone:
+    """The backbone of a configuration, with random weights, for images of a height and width."""
+    backbone: Backbone = config.network_class()(config, size)
+    return backbone
+
+
+class Pixels(nn.Module):
+    """Brightness from 0 to 1 becomes what the backbone of a configuration wants to see."""
+
+    def __init__(self, config: BackboneConfig) -> None:
+        super().__init__()
+        self.mean: Tensor
+        self.std: Tensor
+        self.register_buffer("mean", torch.tensor(config.pixel_mean).view(3, 1, 1), persistent=False)
+        self.register_buffer("std", torch.tensor(config.pixel_std).view(3, 1, 1), persistent=False)
+
+    def forward(self, images: Tensor) -> Tensor:
+        """Images ``(B, 3, H, W)`` of the same shape."""
+        return (images - self.mean) / self.std
+
+
+class SpatialSoftmax(nn.Module):
+    """Where in an image each of some learned maps is bright: expected x and y, from -1 (left, top) to 1."""
+
+    def __init__(self, channels: int, maps: int) -> None:
+        super().__init__()
+        self.maps = nn.Conv2d(channels, maps, 1)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """``(B, channels, H, W) -> (B, 2 maps)``, x and y of each map in turn."""
+        height, width = x.shape[-2:]
+        # In single precision whatever the autocast: bfloat16 tells positions to a half per cent at best.
+        share = self.maps(x).flatten(2).float().softmax(dim=-1).unflatten(-1, (height, width))
+        columns = torch.linspace(-1, 1, width, device=x.device)
+        rows = torch.linspace(-1, 1, height, device=x.device)
+        expected = [(share.sum(dim=-2) * columns).sum(dim=-1), (share.sum(dim=-1) * rows).sum(dim=-1)]
+        return torch.stack(expected, dim=-1).flatten(1)

@@ -1,0 +1,1 @@
+"""A small convolutional network of our own, fast on CPUs."""

@@ -1,0 +1,34 @@
+import pytest
+import torch
+
+from juicer.policy.backbone import SpatialSoftmax, build_backbone
+from juicer.policy.backbones.small_cnn.config import SmallCNNConfig
+
+
+@pytest.mark.parametrize("size", [(96, 96), (64, 128), (33, 47), (8, 8)])
+@pytest.mark.parametrize("settings", [{}, {"quarter_maps": 0, "eighth_maps": 5, "grid": 2, "eighth": 16}])
+def test_features_have_the_length_that_was_said_whatever_the_size(size, settings):
+    config = SmallCNNConfig(**settings)
+    backbone = build_backbone(config, size)
+    assert backbone(torch.zeros(2, 3, *size)).shape == (2, backbone.num_features) == (2, config.rough_features())
+
+
+@pytest.mark.parametrize("settings", [{}, {"stem": 64, "quarter": 128, "eighth": 256}])
+def test_its_size_is_known_before_it_is_built(settings):
+    config = SmallCNNConfig(**settings)
+    parameters = sum(each.numel() for each in build_backbone(config, (96, 96)).parameters())
+    assert config.rough_parameters() == pytest.approx(parameters, rel=0.01)
+
+
+def test_too_small_an_image_is_refused():
+    with pytest.raises(ValueError, match="a small_cnn takes images of at least 8x8 pixels"):
+        SmallCNNConfig().check_size(96, 7)
+
+
+def test_the_place_of_a_bright_spot_is_told_to_the_pixel_also_in_bfloat16():
+    softmax = SpatialSoftmax(1, 1)
+    torch.nn.init.constant_(softmax.maps.weight, 100.0)
+    image = torch.zeros(1, 1, 101, 201)
+    image[0, 0, 25, 150] = 1
+    with torch.autocast("cpu", torch.bfloat16):
+        assert softmax(image).tolist() == [pytest.approx([0.5, -0.5], abs=1e-4)]

@@ -1,0 +1,90 @@
+"""Images as observations: raw until a batch goes through the network."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from juicer.config import parse_config
+from juicer.errors import ConfigError
+from juicer.policy.config import PolicyConfig, rough_parameters
+from juicer.policy.encoder import Encoders, build_encoder
+from juicer.policy.encoders.images.config import ImagesConfig
+from juicer.policy.network import build_policy
+from juicer.views import View
+
+VIEWS = {"front": View(camera="front", width=32, height=24), "wrist": View(camera="wrist", width=16, height=16)}
+
+
+def images_of(encoder, rows=3, steps=2, seed=0):
+    generator = torch.Generator().manual_seed(seed)
+    return {
+        spec.name: torch.randint(0, 256, (rows, steps, *spec.shape), dtype=torch.uint8, generator=generator)
+        for spec in encoder.observations
+    }
+
+
+def test_every_view_and_observed_step_has_a_token(tasks):
+    encoder = build_encoder(ImagesConfig(views=VIEWS, projection=7), tasks, obs_horizon=2)
+    tokens = encoder(encoder.prepare(images_of(encoder)))
+    assert tokens.shape == (3, *encoder.token_size) == (3, 4, 7)
+
+
+def test_tokens_of_a_step_are_its_views_and_depend_on_nothing_else(tasks):
+    encoder = build_encoder(ImagesConfig(views=VIEWS), tasks, obs_horizon=2)
+    images = images_of(encoder)
+    tokens = encoder(encoder.prepare(images))
+    images[VIEWS["wrist"].name][1, 0] = 0
+    differs = (encoder(encoder.prepare(images)) - tokens).abs().amax(dim=-1) > 0
+    assert differs.nonzero().tolist() == [[1, 1]]
+
+
+def test_images_are_prepared_without_a_copy(tasks):
+    encoder = build_encoder(ImagesConfig(views=VIEWS), tasks, obs_horizon=1)
+    images = images_of(encoder)
+    prepared = encoder.prepare(images)
+    assert {name: values.data_ptr() for name, values in prepared.items()} == {
+        name: images[view.name].data_ptr() for name, view in VIEWS.items()
+    }
+
+
+def test_what_is_prepared_is_flat_so_that_anybody_can_take_rows_of_it(tasks, observe):
+    config = PolicyConfig(
+        observation={"images": ImagesConfig(views=VIEWS), "state": PolicyConfig().observation["state"]}
+    )
+    encoders = Encoders(config, tasks)
+    shown = images_of(encoders.members[0], rows=5, steps=1)
+    shown |= {name: torch.from_numpy(values)[:, None] for name, values in observe(5).items()}
+    prepared = encoders.prepare(shown)
+    assert list(prepared) == ["images.front", "images.wrist", "state"]
+    some = encoders({name: values[[4, 1]] for name, values in prepared.items()})
+    for name, tokens in encoders(prepared).items():
+        assert torch.allclose(some[name], tokens[[4, 1]], atol=1e-6)
+
+
+def test_what_is_trained_is_trained_in_every_view_and_what_is_frozen_in_none(tasks):
+    for frozen in (False, True):
+        encoder = build_encoder(ImagesConfig(views=VIEWS, frozen=frozen), tasks, obs_horizon=2)
+        encoder(encoder.prepare(images_of(encoder))).sum().backward()
+        assert len(encoder.backbones) == (1 if frozen else 2)
+        assert all((each.grad is None) is frozen for each in encoder.backbones.parameters())
+        assert all(each.grad is not None for each in encoder.projections.parameters())
+
+
+def test_two_names_may_show_one_view(tasks):
+    encoder = build_encoder(ImagesConfig(views={"a": VIEWS["front"], "b": VIEWS["front"]}), tasks, obs_horizon=1)
+    assert [spec.name for spec in encoder.observations] == [VIEWS["front"].name]
+
+
+@pytest.mark.parametrize("frozen", [True, False])
+@pytest.mark.parametrize("projection", [128, None])
+def test_the_size_of_a_policy_that_sees_is_known_before_it_is_built(tasks, frozen, projection):
+    images = ImagesConfig(frozen=frozen, projection=projection)
+    config = PolicyConfig(observation={"images": images}, head={"kind": "mlp"})
+    assert rough_parameters(config) == pytest.approx(build_policy(config, tasks, 0).num_parameters, rel=0.05)
+
+
+def test_a_view_too_small_for_the_backbone_is_refused_in_a_sentence():
+    images = {"kind": "images", "views": {"front": {"camera": "front", "width": 4}}}
+    with pytest.raises(ConfigError, match=r"observation\.images.*a small_cnn takes images of at least 8x8 pixels"):
+        parse_config({"observation": {"images": images}}, PolicyConfig, origin="test")
