@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal, Self
+from typing import ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
 from juicer.config import StrictConfig
 from juicer.displacements import Displacements
+from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 from juicer.policy.encoders.features.config import FeaturesConfig
-from juicer.policy.members import Blocks, EncoderConfig, Size
+from juicer.policy.encoders.images.config import MOST_VIEWS, AnyBackbone, ViewName
+from juicer.policy.members import EncoderConfig, Size
 from juicer.views import GazeCrop, StaticCrop, View
-
-MOST_VIEWS = 8
-ViewName = Annotated[str, Field(pattern=r"^[a-z]\w*$", max_length=40)]
-
-
-class CnnConfig(StrictConfig):
-    """A small convolutional network: dense convolutions at a quarter and an eighth of the image's size."""
-
-    width: tuple[Size, Size] = Field(default=(48, 64), description="channels at either size")
-    blocks: tuple[Blocks, Blocks] = Field(default=(1, 2), description="residual blocks at either size")
-    points: Size = Field(default=32, description="maps at either size whose centre of mass is read")
 
 
 class EstimatorConfig(StrictConfig):
@@ -41,7 +32,7 @@ class EstimatorConfig(StrictConfig):
         min_length=1,
         max_length=MOST_VIEWS,
     )
-    cnn: CnnConfig = CnnConfig()
+    backbone: AnyBackbone = Field(default=PatchCNNConfig(), description="network from an image to features, one a view")
     width: Size = Field(default=512, description="of the layers that bring the views together")
     states: int = Field(default=24_000, gt=0, le=10_000_000, description="displaced states that are drawn")
     near_critical: float = Field(default=0.5, ge=0, le=1, description="share of them from around critical states")
@@ -53,9 +44,11 @@ class EstimatorConfig(StrictConfig):
     validation_fraction: float = Field(default=0.1, gt=0, lt=1, description="share of the demonstrations held out")
 
     @model_validator(mode="after")
-    def _views_differ(self) -> Self:
+    def _views_can_be_seen(self) -> Self:
         if len({view.name for view in self.views.values()}) < len(self.views):
             raise ValueError("two views are the same; leave one out")
+        for view in self.views.values():
+            self.backbone.check_size(view.height, view.width)
         return self
 
 
@@ -67,3 +60,15 @@ class EstimatedConfig(EncoderConfig):
     kind: Literal["estimated"] = "estimated"
     features: FeaturesConfig = FeaturesConfig()
     estimator: EstimatorConfig = EstimatorConfig()
+
+    def rough_features(self) -> int:
+        """See :class:`juicer.policy.members.EncoderConfig`."""
+        return self.features.rough_features()
+
+    def rough_parameters(self) -> int:
+        """Those of one estimator; a policy for several tasks has as many estimators."""
+        estimator = self.estimator
+        seen = len(estimator.views) * estimator.backbone.rough_features()
+        return len(estimator.views) * estimator.backbone.rough_parameters() + estimator.width * (
+            seen + estimator.width // 2
+        )

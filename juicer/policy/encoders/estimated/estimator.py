@@ -9,11 +9,13 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from juicer.episode import PROPRIOCEPTION_SIZE
+from juicer.policy.backbone import Pixels, build_backbone
 from juicer.policy.config import FeatureSpec
-from juicer.policy.encoders.estimated.cnn import Cnn
 from juicer.policy.encoders.estimated.config import EstimatedConfig
 from juicer.policy.encoders.features.features import num_choices, num_features
 from juicer.policy.normalizer import Normalizer
+
+FULL_BRIGHTNESS = 255
 
 READ = (*range(9), 15)
 """What is taken from the proprioception: position, rotation and opening of the gripper. Velocities would tell how far a
@@ -43,11 +45,11 @@ class Estimator(nn.Module):
         estimator, size = config.estimator, num_features(spec, config.features)
         self.normalizer = Normalizer((size,))
         self.num_choices = num_choices(spec, config.features)
-        self.cnns = nn.ModuleList(
-            Cnn(estimator.cnn, (view.height, view.width)) for view in estimator.views.values()
-        )
+        self.pixels = Pixels(estimator.backbone)
+        backbones = [build_backbone(estimator.backbone, (v.height, v.width)) for v in estimator.views.values()]
+        self.backbones = nn.ModuleList(backbones)
         width, half = estimator.width, estimator.width // 2
-        seen = len(READ) + sum(cnn.size for cnn in self.cnns)
+        seen = len(READ) + sum(backbone.num_features for backbone in backbones)
         self.together = nn.Sequential(nn.Linear(seen, width), nn.ReLU())
         self.choice = nn.Linear(width, self.num_choices)
         self.head = nn.Sequential(
@@ -85,7 +87,10 @@ class Estimator(nn.Module):
     def _see(self, images: list[Tensor], proprioception: Tensor) -> Tensor:
         offset, scale = self.normalizer.offset[:PROPRIOCEPTION_SIZE], self.normalizer.scale[:PROPRIOCEPTION_SIZE]
         read = ((proprioception - offset) / scale)[:, READ]
-        found = [cnn(image.movedim(-1, -3).float() / 255 - 0.5) for cnn, image in zip(self.cnns, images, strict=True)]
+        found = [
+            backbone(self.pixels(image.permute(0, 3, 1, 2).float() / FULL_BRIGHTNESS))
+            for backbone, image in zip(self.backbones, images, strict=True)
+        ]
         return self.together(torch.cat([*found, read], dim=-1))
 
 

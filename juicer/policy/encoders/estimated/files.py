@@ -7,14 +7,13 @@ from typing import Annotated
 
 import torch
 from pydantic import Field
-from torch import Tensor
 
 from juicer.config import StrictConfig
 from juicer.errors import InvalidCheckpoint
 from juicer.policy.config import FeatureSpec
 from juicer.policy.encoders.estimated.config import EstimatedConfig
 from juicer.policy.encoders.estimated.estimator import Estimator
-from juicer.policy.tensor_files import read_metadata, read_weights, write_weights
+from juicer.policy.model_files import expected_weights, read_metadata, read_weights, write_weights
 
 SCHEMA_VERSION = 1
 ESTIMATOR_FILE, WEIGHTS_FILE = "estimator.json", "weights.safetensors"
@@ -34,3 +33,35 @@ class EstimatorMetadata(StrictConfig):
     encoder: EstimatedConfig
     task: Annotated[str, Field(pattern=r"^\w[\w.-]*$", max_length=100)]
     spec: FeatureSpec
+
+
+def save_estimator(folder: Path, estimator: Estimator, task: str) -> None:
+    """Write ``estimator.json`` and ``weights.safetensors``.
+
+    Raises:
+        OSError: If the system refuses a write.
+    """
+    metadata = EstimatorMetadata(encoder=estimator.config, task=task, spec=estimator.spec)
+    (folder / ESTIMATOR_FILE).write_text(metadata.model_dump_json(indent=2) + "\n")
+    write_weights(folder / WEIGHTS_FILE, {name: value.cpu() for name, value in estimator.state_dict().items()})
+
+
+def load_estimator(folder: Path) -> tuple[str, Estimator]:
+    """The task and the estimator of a folder, which anybody may have written.
+
+    Raises:
+        InvalidCheckpoint: If a file is missing, damaged, of a schema this version cannot read, or not what the
+            configuration says.
+    """
+    metadata = read_metadata(
+        folder / ESTIMATOR_FILE, EstimatorMetadata, SCHEMA_VERSION, "an estimator", "make the estimator again"
+    )
+
+    def build() -> Estimator:
+        return Estimator(metadata.encoder, metadata.spec)
+
+    weights = read_weights(folder / WEIGHTS_FILE, expected_weights(build, "an estimator"))
+    with torch.random.fork_rng(devices=[]):
+        estimator = build()
+    estimator.load_state_dict(weights)
+    return metadata.task, estimator.eval().requires_grad_(False)
