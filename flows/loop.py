@@ -21,6 +21,7 @@ from stages.evaluate import evaluate
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
 from stages.record import record
+from stages.render import RenderConfig, render
 from stages.runtime.session import Session
 from stages.select import select
 from stages.train import TrainConfig, train
@@ -105,13 +106,19 @@ def _train_jointly(
 
 
 def _train(session: Session, config: LoopConfig, training: TrainConfig, gathered: Iterable[_Data]) -> ArtifactRef:
-    """A model trained on all that was gathered."""
+    """A model trained on all that was gathered, and on the images that it looks at."""
     gathered = tuple(gathered)
     selected = [each for data in gathered for each in data.selections]
+    episodes = (*(ref for data in gathered for ref in data.episodes), *(rollouts for rollouts, _ in selected))
     mixed = dataset(
         session,
-        episodes=(*(ref for data in gathered for ref in data.episodes), *(rollouts for rollouts, _ in selected)),
+        episodes=episodes,
         selections=tuple(selection for _, selection in selected),
+        columns=tuple(
+            render(session, episodes=ref, config=RenderConfig(view=view))
+            for ref in episodes
+            for view in training.policy.learned_views
+        ),
         config=config.dataset,
     )
     return train(session, dataset=mixed, config=training)

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from juicer.episode import SIMULATOR, ArraySpec, Role
 from juicer.errors import ConfigError, PolicyFailed, did_you_mean
 from juicer.sim.arguments import checked_count, shown
 from juicer.sim.env import AssemblyEnv
-from juicer.views import CAMERAS
+from juicer.views import CAMERAS, MAX_HEIGHT, MAX_WIDTH, ImageSpec, View
 
 STATE_OBSERVATIONS = tuple(spec for spec in SIMULATOR if spec.role is Role.OBSERVATION)
 """What a policy is shown that declares nothing: proprioception and part poses."""
@@ -21,8 +22,8 @@ STATE_OBSERVATIONS = tuple(spec for spec in SIMULATOR if spec.role is Role.OBSER
 Observations = Mapping[str, NDArray[Any]]
 
 
-def image(camera: str, width: int, height: int) -> ArraySpec:
-    """Specification of the image ``(height, width, 3)`` of a camera, ``front`` or ``wrist``.
+def image(camera: str, width: int, height: int) -> ImageSpec:
+    """Specification of the whole image ``(height, width, 3)`` of a camera, ``front`` or ``wrist``, by its name.
 
     Raises:
         ConfigError: If there is no such camera, or no such size.
@@ -30,14 +31,18 @@ def image(camera: str, width: int, height: int) -> ArraySpec:
     if camera not in CAMERAS:
         raise ConfigError(f"unknown camera {shown(camera)}{did_you_mean(str(camera), CAMERAS)}")
     width, height = checked_count("width", width), checked_count("height", height)
-    return ArraySpec(camera, (height, width, 3), "uint8", Role.OBSERVATION)
+    try:
+        return View.model_validate({"camera": camera, "width": width, "height": height}).observed(camera)
+    except ValidationError:
+        largest = f"{MAX_WIDTH}x{MAX_HEIGHT}"
+        raise ConfigError(f"an image measures 1x1 to {largest} pixels, got {width}x{height}") from None
 
 
 class Observer:
     """Makes a policy's observations of environments, in whatever thread it is asked.
 
-    Proprioception and part poses are what the environment shows. An array ``(height, width, 3)`` of ``uint8`` is the
-    image of the camera of its name; it is drawn by the thread that owns the OpenGL context.
+    Proprioception and part poses are what the environment shows. Images are drawn by the thread that owns the OpenGL
+    context.
 
     Attributes:
         names: What is seen.
@@ -51,17 +56,17 @@ class Observer:
         """
         self.names = tuple(spec.name for spec in specs)
         self._states: list[str] = []
-        self._images: dict[str, tuple[int, int]] = {}
+        self._views: dict[str, View] = {}
         for spec in specs:
             if spec in STATE_OBSERVATIONS:
                 self._states.append(spec.name)
-            elif (size := _image_size(spec)) is not None:
-                self._images[spec.name] = size
+            elif isinstance(spec, ImageSpec):
+                self._views[spec.name] = spec.view
             else:
-                names = [*(each.name for each in STATE_OBSERVATIONS), *CAMERAS]
+                names = ", ".join([*(each.name for each in STATE_OBSERVATIONS), *CAMERAS])
                 raise PolicyFailed(
                     f"the policy asks to see {shown(spec.name)} of shape {spec.shape} and type {spec.dtype}; there are "
-                    f"{', '.join(names)}, the last two as images (height, width, 3) of uint8"
+                    f"{names}, the last two as images, see juicer.api.image"
                 )
 
     def see(self, env: AssemblyEnv) -> Observations:
@@ -69,13 +74,11 @@ class Observer:
 
         Raises:
             RenderingUnavailable: If no OpenGL platform can draw.
-            ConfigError: If an image cannot have its size.
+            ConfigError: If a view shows the robot's mesh, and that is not installed.
         """
         present: dict[str, NDArray[Any]] = dict(env.observation()) if self._states else {}
         seen = {name: present[name] for name in self._states}
-        for camera, (width, height) in self._images.items():
-            seen[camera] = env.render_camera(camera, width, height)
-        return seen
+        return seen | {name: env.render_view(view) for name, view in self._views.items()}
 
 
 class History:
@@ -105,11 +108,3 @@ class History:
         missing = self.length - len(self._seen)
         seen = [observations[name] for observations in self._seen]
         return np.stack([seen[0]] * missing + seen)
-
-
-def _image_size(spec: ArraySpec) -> tuple[int, int] | None:
-    """Width and height of the image that is meant, if one is."""
-    match spec.shape:
-        case (int(height), int(width), 3) if spec.name in CAMERAS and spec.dtype == "uint8":
-            return width, height
-    return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -59,7 +59,13 @@ class View(StrictConfig):
 
     The whole image of the front camera is 4:3, that of the wrist camera 16:9, each with a vertical field of view of
     42.56 degrees; in a size of another shape, it is squeezed.
+
+    Attributes:
+        drawn_by: What draws it, as ``module:class``: loaded by name, it counts for those results only whose
+            configuration has a view.
     """
+
+    drawn_by: ClassVar[str] = "juicer.imaging.renderer:ViewRenderer"
 
     camera: Literal["front", "wrist"]
     crop: Annotated[Whole | StaticCrop | GazeCrop, Field(discriminator="kind")] = Whole()

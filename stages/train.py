@@ -18,6 +18,7 @@ from juicer.storage.episodes import EpisodeReader
 from juicer.tasks.registry import TASK_NAMES, get_task
 from juicer.tasks.specification import MOUNTED_COSINE, MOUNTED_M
 from juicer.training.config import TrainingConfig
+from juicer.training.images import Chosen, unpack_images
 from juicer.training.reading import read_episodes
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
@@ -49,19 +50,23 @@ def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -
     If they show several tasks, it is one policy for all of them, which is told the task.
     """
     from juicer.policy.checkpoint import save_checkpoint  # torch takes seconds to import
+    from juicer.policy.encoder import outline
     from juicer.training.trainer import train as train_policy
 
     rows = read_dataset(context.store.open(dataset, "dataset"))
     shown = {row.task for row in rows}
     # In the order of the registry, which gives tasks their numbers; one that is not there is refused.
     tasks = {name: feature_spec(name) for name in sorted(shown, key=[*TASK_NAMES, *shown].index)}
+    encoders = outline(config.policy, tasks)
+    groups = [Chosen(_open(context.store, group), group) for group in grouped(rows)]
     curves = CurveWriter(context.draft.scratch, context.metrics)
     trained = train_policy(
-        [read_episodes(_open(context.store, group), group, tasks) for group in grouped(rows)],
+        [read_episodes(*group, tasks, [spec.name for spec in encoders.lesson_numbers]) for group in groups],
         config.policy,
         tasks,
         config.training,
         seed=config.seed,
+        images=unpack_images(groups, encoders.lesson_images, context.draft.scratch / "images", context.progress),
         scratch=context.draft.scratch / "state",
         device=context.machine.device,
         progress=context.progress,
@@ -71,6 +76,7 @@ def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -
     curves.finish(context.draft.path)
     context.draft.summary |= {
         "tasks": list(tasks),
+        "observes": encoders.account,
         "steps": config.training.steps,
         **_sizes(trained.use),
         **trained.facts,

@@ -15,6 +15,7 @@ from juicer.errors import PolicyFailed
 from juicer.observer import History, Observer, image
 from juicer.rollout import rollout
 from juicer.sim.env import AssemblyEnv
+from juicer.views import View
 
 ACTION = np.array([0.5, 0.15, 0.1, 0, 1, 0, 1, 0, 0, 1], dtype=np.float32)
 
@@ -72,11 +73,11 @@ def test_only_what_is_looked_at_is_made(env: AssemblyEnv, monkeypatch: pytest.Mo
             super().predict(observations, streams)
             return np.tile(ACTION, (len(streams), 3, 1))
 
-    def render(self: AssemblyEnv, camera: str, width: int, height: int) -> NDArray[np.uint8]:
+    def render(self: AssemblyEnv, view: View) -> NDArray[np.uint8]:
         drawn.append(1)
-        return np.zeros((height, width, 3), np.uint8)
+        return np.zeros((view.height, view.width, 3), np.uint8)
 
-    monkeypatch.setattr(AssemblyEnv, "render_camera", render)
+    monkeypatch.setattr(AssemblyEnv, "render_view", render)
     list(rollout(Blinking(), "one_leg", "low", [0], num_envs=1, max_steps=6))
     # Of two observations, the last two of each chunk of three steps; of the last chunk, those before its end.
     assert len(drawn) == 1 + 2 + 1

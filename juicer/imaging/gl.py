@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+from functools import cache
 from importlib import import_module
 from typing import Any
 
 import mujoco
+
+from juicer.errors import RenderingUnavailable
+from juicer.text import printable
 
 
 def gl_context_class() -> type[Any]:
@@ -26,3 +30,30 @@ def gl_context_class() -> type[Any]:
     chosen = import_module(f"mujoco.{platform}") if platform in ("egl", "osmesa") else mujoco
     context: type[Any] = chosen.GLContext
     return context
+
+
+def unavailable(error: Exception) -> RenderingUnavailable:
+    """Every OpenGL platform fails in its own way."""
+    return RenderingUnavailable(
+        f"no OpenGL platform can draw an image here ({type(error).__name__}: {printable(error)}); "
+        "set MUJOCO_GL=egl with libegl1 and libgl1-mesa-dri installed, or MUJOCO_GL=osmesa with libosmesa6"
+    )
+
+
+@cache
+def gl_name() -> str:
+    """What draws images in this process, in the words of its OpenGL platform; the same scene differs with it.
+
+    Raises:
+        RenderingUnavailable: If no OpenGL platform can draw.
+    """
+    try:
+        context = gl_context_class()(1, 1)
+        context.make_current()
+    except Exception as error:
+        raise unavailable(error) from None
+    # Which of the platforms it speaks to, this library reads when it is imported.
+    gl = import_module("OpenGL.GL")
+    name = gl.glGetString(gl.GL_RENDERER).decode(errors="replace")
+    context.free()
+    return printable(name)

@@ -1,7 +1,8 @@
 """Images of a scene through whatever software or hardware OpenGL the machine offers.
 
 An OpenGL context belongs to the thread that made it. One thread therefore makes, uses and frees the only one, and draws
-for all environments of the process, whatever thread they ask from.
+for all environments of the process, whatever thread they ask from. It draws a visual model of its own, placed by the
+joint positions that come with a request, so what is drawn depends on these alone.
 """
 
 from __future__ import annotations
@@ -19,36 +20,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from juicer.errors import ConfigError, RenderingUnavailable, did_you_mean
+from juicer.imaging.cameras import Frustum
 from juicer.imaging.gl import gl_context_class
+from juicer.imaging.look import Look
+from juicer.imaging.visual_model import visual_model
 from juicer.sim.arguments import is_whole, shown
-from juicer.views import MAX_HEIGHT, MAX_WIDTH
+from juicer.views import CAMERAS, MAX_HEIGHT, MAX_WIDTH, View
 
 Image = NDArray[np.uint8]
+Positions = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class _Drawing:
-    """What shall be drawn, by the canvas that belongs to ``key``."""
+    """What shall be drawn, for whom; width and height are those of the image, each pixel a square of samples."""
 
-    key: object
-    model: mujoco.MjModel
-    data: mujoco.MjData
-    camera: int
+    owner: object
+    task_name: str
+    look: Look
+    qpos: Positions
+    camera: str
+    frustum: Frustum
     width: int
     height: int
+    supersampling: int = 1
     answer: Future[Image] = field(default_factory=Future)
 
 
 @dataclass(frozen=True)
 class _Farewell:
-    """The canvas of ``key`` is needed no more; the answer is whether it was the last and the thread ends."""
+    """An owner needs nothing more; the answer is whether it was the last and the thread ends."""
 
-    key: object
+    owner: object
     answer: Future[bool] = field(default_factory=Future)
 
 
 class RenderWorker:
-    """Draws for any number of scenes in one thread, which lives from the first image to the last scene's end."""
+    """Draws for any number of owners in one thread, which lives from the first image to the last owner's end."""
 
     def __init__(self) -> None:
         """Do nothing yet."""
@@ -70,9 +78,9 @@ class RenderWorker:
             self._requests.put(request)
         return request.answer.result()
 
-    def forget(self, key: object) -> None:
-        """Free the canvas of a scene."""
-        farewell = _Farewell(key)
+    def forget(self, owner: object) -> None:
+        """Free what was made for an owner, as far as no other needs it."""
+        farewell = _Farewell(owner)
         with self._lock:
             thread = self._thread
             # A forked process inherits the thread's name and nothing of it.
@@ -82,37 +90,29 @@ class RenderWorker:
         if farewell.answer.result():
             thread.join()
 
-    def forget_later(self, key: object) -> None:
+    def forget_later(self, owner: object) -> None:
         """The same from a finalizer, which may run at any moment of any thread and must not wait."""
-        self._requests.put(_Farewell(key))
+        self._requests.put(_Farewell(owner))
 
     def _work(self) -> None:
-        context: Any = None
-        canvases: dict[object, _Canvas] = {}
+        studio = _Studio()
         while True:
             request = self._requests.get()
             if isinstance(request, _Farewell):
-                if (canvas := canvases.pop(request.key, None)) is not None:
-                    canvas.free()
-                if self._ends(canvases, context, request):
+                studio.forget(request.owner)
+                if self._ends(studio, request):
                     return
                 continue
             try:
-                context = context or _opened()
-                if request.key not in canvases:
-                    canvases[request.key] = _made(request.model)
-                request.answer.set_result(canvases[request.key].draw(request))
+                request.answer.set_result(studio.draw(request))
             except BaseException as error:
                 request.answer.set_exception(error)
-            # Waiting for the next one must not keep an environment's data alive.
-            del request
 
-    def _ends(self, canvases: dict[object, _Canvas], context: Any, farewell: _Farewell) -> bool:
+    def _ends(self, studio: _Studio, farewell: _Farewell) -> bool:
         with self._lock:
-            is_last = not canvases and self._requests.empty()
+            is_last = studio.is_empty and self._requests.empty()
             if is_last:
-                if context is not None:
-                    context.free()
+                studio.free()
                 self._thread = None
         farewell.answer.set_result(is_last)
         return is_last
@@ -121,35 +121,64 @@ class RenderWorker:
 _WORKER = RenderWorker()
 
 
-class CameraRenderer:
-    """Draws named cameras of one model; what that takes is made when the first image is asked for."""
+class ViewRenderer:
+    """Draws a task's scene from joint positions; what that takes is made when the first image is asked for."""
 
-    def __init__(self, model: mujoco.MjModel) -> None:
-        """Remember the model."""
-        self._model = model
-        self._key = object()
+    def __init__(self, task_name: str) -> None:
+        """Remember the task."""
+        self._task_name = task_name
+        self._owner = object()
         # Whoever forgets to close leaves nothing behind. At the end of the process the system frees everything.
-        weakref.finalize(self, _WORKER.forget_later, self._key).atexit = False
+        weakref.finalize(self, _WORKER.forget_later, self._owner).atexit = False
 
-    def draw(self, data: mujoco.MjData, camera: str, width: int, height: int) -> Image:
-        """Image ``(height, width, 3)``, without shadows and reflections (they cost seven times the rest).
+    def draw(self, qpos: Positions, view: View, end_effector: NDArray[np.float32]) -> Image:
+        """The image ``(height, width, 3)`` of a view: plain, without smooth edges and shadows, and quickly drawn.
+
+        Args:
+            qpos: The simulator's joint positions ``(nq,)``.
+            view: What is shown.
+            end_effector: Position ``(3,)`` in the robot base frame, as in proprioception; a gaze crop is placed by it.
+
+        Raises:
+            ConfigError: If there is no such task, or the robot's mesh is asked for and not installed.
+            RenderingUnavailable: If no OpenGL platform can draw.
+        """
+        frustum = Frustum.of_view(view, end_effector)
+        look = Look(view.robot)
+        return self._draw(look, qpos, view.camera, frustum, view.width, view.height, view.supersampling)
+
+    def draw_for_people(self, qpos: Positions, camera: str, width: int, height: int) -> Image:
+        """Undistorted image ``(height, width, 3)`` of a camera, as well as can be drawn here.
+
+        Args:
+            qpos: The simulator's joint positions ``(nq,)``.
+            camera: ``front`` or ``wrist``.
+            width: Pixels.
+            height: Pixels.
 
         Raises:
             ConfigError: If there is no such camera, or no such size.
             RenderingUnavailable: If no OpenGL platform can draw.
         """
-        cameras = [self._model.camera(index).name for index in range(self._model.ncam)]
-        if camera not in cameras:
-            raise ConfigError(f"unknown camera {shown(camera)}{did_you_mean(str(camera), cameras)}")
+        if camera not in CAMERAS:
+            raise ConfigError(f"unknown camera {shown(camera)}{did_you_mean(str(camera), CAMERAS)}")
         if not _is_size(width, MAX_WIDTH) or not _is_size(height, MAX_HEIGHT):
             largest = f"{MAX_WIDTH}x{MAX_HEIGHT}"
             raise ConfigError(f"an image measures 1x1 to {largest} pixels, got {shown(width)}x{shown(height)}")
+        width, height = int(width), int(height)
+        return self._draw(Look(is_film=True), qpos, camera, Frustum.of_image(width, height), width, height)
+
+    def _draw(
+        self, look: Look, qpos: Positions, camera: str, frustum: Frustum, width: int, height: int, samples: int = 1
+    ) -> Image:
         _Process.check()
-        return _WORKER.draw(_Drawing(self._key, self._model, data, cameras.index(camera), int(width), int(height)))
+        # A copy: whoever asks may change the state before it is drawn by another thread.
+        qpos = np.array(qpos, np.float64)
+        return _WORKER.draw(_Drawing(self._owner, self._task_name, look, qpos, camera, frustum, width, height, samples))
 
     def close(self) -> None:
         """Free what was made; a later image makes it again."""
-        _WORKER.forget(self._key)
+        _WORKER.forget(self._owner)
 
 
 class _Process:
@@ -167,33 +196,99 @@ class _Process:
         cls._drawing = os.getpid()
 
 
-class _Canvas:
-    """A model's geometry in the OpenGL context of the thread that makes it."""
+class _Studio:
+    """The OpenGL context of the thread that makes it, and a canvas a scene and look, whoever it is drawn for."""
 
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150)
-        self._scene = mujoco.MjvScene(model, maxgeom=10_000)
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
+    def __init__(self) -> None:
+        self._context: Any = None
+        self._canvases: dict[tuple[str, Look], _Canvas] = {}
+        self._owners: dict[tuple[str, Look], set[object]] = {}
+
+    @property
+    def is_empty(self) -> bool:
+        return not self._canvases
+
+    def draw(self, drawing: _Drawing) -> Image:
+        self._context = self._context or _opened()
+        key = (drawing.task_name, drawing.look)
+        if key not in self._canvases:
+            self._canvases[key] = _made(*key)
+        self._owners.setdefault(key, set()).add(drawing.owner)
+        return self._canvases[key].draw(drawing)
+
+    def forget(self, owner: object) -> None:
+        for key, owners in list(self._owners.items()):
+            owners.discard(owner)
+            if not owners:
+                self._canvases.pop(key).free()
+                del self._owners[key]
+
+    def free(self) -> None:
+        if self._context is not None:
+            self._context.free()
+
+
+class _Canvas:
+    """A visual model's geometry in the OpenGL context of the thread that makes it."""
+
+    def __init__(self, model: mujoco.MjModel, look: Look) -> None:
+        self._model = model
+        self._data = mujoco.MjData(model)
+        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
+        self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom)
+        for effect in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+            self._scene.flags[effect] = look.is_film
         self._options = mujoco.MjvOption()
         self._camera = mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
 
-    def draw(self, request: _Drawing) -> Image:
-        self._camera.fixedcamid = request.camera
+    def draw(self, drawing: _Drawing) -> Image:
+        model, data, scene = self._model, self._data, self._scene
+        data.qpos[:] = drawing.qpos
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_camlight(model, data)
+        self._camera.fixedcamid = model.camera(drawing.camera).id
         everything = mujoco.mjtCatBit.mjCAT_ALL
-        mujoco.mjv_updateScene(request.model, request.data, self._options, None, self._camera, everything, self._scene)
-        # Every model has a buffer of its own in the one context.
+        mujoco.mjv_updateScene(model, data, self._options, None, self._camera, everything, scene)
+        self._aim(drawing.frustum)
+        # Every canvas has a buffer of its own in the one context.
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
-        viewport = mujoco.MjrRect(0, 0, request.width, request.height)
-        mujoco.mjr_render(viewport, self._scene, self._context)
-        image = np.empty((request.height, request.width, 3), dtype=np.uint8)
+        width, height = drawing.width * drawing.supersampling, drawing.height * drawing.supersampling
+        self._provide(width, height)
+        viewport = mujoco.MjrRect(0, 0, width, height)
+        mujoco.mjr_render(viewport, scene, self._context)
+        image = np.empty((height, width, 3), dtype=np.uint8)
         mujoco.mjr_readPixels(image, None, viewport, self._context)
         # OpenGL's first row is the lowest.
-        return np.ascontiguousarray(image[::-1])
+        return _mean(image[::-1], drawing.supersampling)
+
+    def _provide(self, width: int, height: int) -> None:
+        """Make the buffer as large as it must be."""
+        context = self._context
+        if width > context.offWidth or height > context.offHeight:
+            mujoco.mjr_resizeOffscreen(max(width, context.offWidth), max(height, context.offHeight), context)
+
+    def _aim(self, frustum: Frustum) -> None:
+        for eye in self._scene.camera:
+            near = eye.frustum_near
+            eye.frustum_center = near * (frustum.left + frustum.right) / 2
+            eye.frustum_width = near * (frustum.right - frustum.left) / 2
+            eye.frustum_bottom, eye.frustum_top = near * frustum.bottom, near * frustum.top
 
     def free(self) -> None:
         self._context.free()
+
+
+def _mean(image: Image, supersampling: int) -> Image:
+    """The mean of every square of pixels, in an array of its own."""
+    if supersampling == 1:
+        return np.ascontiguousarray(image)
+    height, width, _ = image.shape
+    squares = image.reshape(height // supersampling, supersampling, width // supersampling, supersampling, 3)
+    sums = squares.sum(axis=3, dtype=np.uint16).sum(axis=1, dtype=np.uint16)
+    area = supersampling**2
+    mean: Image = ((sums + area // 2) // area).astype(np.uint8)
+    return mean
 
 
 def _opened() -> Any:
@@ -206,9 +301,10 @@ def _opened() -> Any:
     return context
 
 
-def _made(model: mujoco.MjModel) -> _Canvas:
+def _made(task_name: str, look: Look) -> _Canvas:
+    model = visual_model(task_name, look)
     try:
-        return _Canvas(model)
+        return _Canvas(model, look)
     except Exception as error:
         raise _unavailable(error) from None
 

@@ -12,6 +12,7 @@ from juicer.episode import ACTION_SIZE
 from juicer.policy.encoders.features.config import FeaturesConfig
 from juicer.policy.heads.diffusion.config import DiffusionConfig
 from juicer.policy.members import ENCODERS, HEADS, EncoderConfig, HeadConfig, Size
+from juicer.views import View
 
 MOST_PARAMETERS = 500_000_000
 """Learned weights of the largest policy: 2 GB in fp32, seven times the paper's."""
@@ -114,6 +115,11 @@ class PolicyConfig(StrictConfig):
         default=128, description="length of the learned vector that tells a policy for several tasks which it is"
     )
     head: AnyHead = DiffusionConfig()
+
+    @property
+    def learned_views(self) -> tuple[View, ...]:
+        """Views whose images it is trained on, each once."""
+        return tuple({view.name: view for each in self.observation.values() for view in each.learned_views}.values())
 
     @field_validator("observation", mode="before")
     @classmethod

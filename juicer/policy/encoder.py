@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
 from typing import Any, ClassVar
 
+import torch
 from torch import Tensor, nn
 
 from juicer.episode import SIMULATOR, ArraySpec
@@ -14,7 +15,8 @@ from juicer.errors import ConfigError
 from juicer.policy.condition import Condition, ConditionSizes
 from juicer.policy.config import TASK_KEY, PolicyConfig
 from juicer.policy.members import EncoderConfig
-from juicer.policy.tasks import Tasks
+from juicer.policy.tasks import PART_POSES, Tasks
+from juicer.views import ImageSpec
 
 PROPRIOCEPTION = SIMULATOR["proprioception"]
 
@@ -48,7 +50,7 @@ class ObservationEncoder(nn.Module, ABC):
 
     @abstractmethod
     def fit(self, observations: Mapping[str, Tensor]) -> None:
-        """Learn limits from the lessons ``(..., *shape)`` of the training windows."""
+        """Learn limits from the lessons ``(..., *shape)`` of the training windows, images left out."""
 
     @abstractmethod
     def prepare(self, observations: Mapping[str, Tensor]) -> Part:
@@ -79,6 +81,8 @@ class Encoders(nn.Module):
         names: What the encoders are called.
         observations: What all of them see, and proprioception, in whose frame actions are given.
         lessons: What they are shown in training.
+        lesson_images: The images among that.
+        lesson_numbers: The rest of it.
         sizes: Sizes of the condition that they yield.
 
     Raises:
@@ -94,6 +98,8 @@ class Encoders(nn.Module):
         )
         self.observations = _declared(encoder.observations for _, encoder in self.items())
         self.lessons = _declared(encoder.lessons for _, encoder in self.items())
+        self.lesson_images = tuple(spec for spec in self.lessons if isinstance(spec, ImageSpec))
+        self.lesson_numbers = tuple(spec for spec in self.lessons if not isinstance(spec, ImageSpec))
         self.embedding = nn.Embedding(len(tasks), config.task_embedding) if len(tasks) > 1 else None
         self.sizes: ConditionSizes = {name: encoder.token_size for name, encoder in self.items()}
         if self.embedding is not None:
@@ -104,6 +110,19 @@ class Encoders(nn.Module):
         for name, encoder in zip(self.names, self.members, strict=True):
             assert isinstance(encoder, ObservationEncoder)
             yield name, encoder
+
+    @property
+    def account(self) -> str:
+        """What the policy sees, and what it was taught with that it does not see: a result is never told without it.
+
+        E.g. ``state``, ``images``, or ``images, poses in training``.
+        """
+        seen = {spec.name for spec in self.observations}
+        images = any(isinstance(spec, ImageSpec) for spec in self.observations)
+        poses = PART_POSES in seen
+        taught = PART_POSES in {spec.name for spec in self.lessons} and not poses
+        told = {"images": images, "state": poses, "proprioception": not (images or poses), "poses in training": taught}
+        return ", ".join(what for what, is_so in told.items() if is_so)
 
     def fit(self, observations: Mapping[str, Tensor]) -> None:
         """See :class:`ObservationEncoder`."""
@@ -130,6 +149,12 @@ class Encoders(nn.Module):
         for name, part in parts.items():
             prepared |= {name: part} if isinstance(part, Tensor) else {f"{name}.{key}": part[key] for key in part}
         return prepared if self.embedding is None else {**prepared, TASK_KEY: shown[TASK_KEY]}
+
+
+def outline(config: PolicyConfig, tasks: Tasks) -> Encoders:
+    """Encoders without memory behind their weights, to ask what they see and are shown."""
+    with torch.device("meta"):
+        return Encoders(config, tasks)
 
 
 def _part(prepared: Prepared, name: str) -> Part:

@@ -6,7 +6,9 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
+from juicer.config import models_in
 from juicer.policy.family import Family, MemberConfig
+from juicer.views import View
 
 MOST_BLOCKS = 64
 TYPICAL_FEATURES = 256
@@ -22,6 +24,11 @@ Colour = tuple[float, float, float]
 
 class EncoderConfig(MemberConfig):
     """How some observations become a part of the condition; see :class:`juicer.policy.encoder.ObservationEncoder`."""
+
+    @property
+    def learned_views(self) -> tuple[View, ...]:
+        """Views of which it is shown images in training: all that it names, unless it learns from something else."""
+        return tuple(model for model in models_in(self) if isinstance(model, View))
 
     def rough_features(self) -> int:
         """Numbers that it yields of a step, roughly: for the estimate of a policy's size."""

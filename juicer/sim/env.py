@@ -32,7 +32,7 @@ from juicer.sim.state import AWAKE_COUNTS, DIVERGED_SPEED, SimulatorState
 from juicer.sim.views import SceneViews
 from juicer.tasks.registry import get_task
 from juicer.tasks.specification import TABLE_HEIGHT_M, parse_randomness
-from juicer.views import FRONT_CAMERA
+from juicer.views import FRONT_CAMERA, View
 
 TARGET_UPDATES = 10
 SUBSTEPS_PER_UPDATE = 5
@@ -54,10 +54,14 @@ mujoco.set_mju_user_warning(logger.debug)
 
 
 class Renderer(Protocol):
-    """Draws named cameras of one model; see :class:`juicer.imaging.renderer.CameraRenderer`."""
+    """Draws one task's scene; see :class:`juicer.imaging.renderer.ViewRenderer`."""
 
-    def draw(self, data: mujoco.MjData, camera: str, width: int, height: int) -> NDArray[np.uint8]:
-        """Image ``(height, width, 3)`` of a state."""
+    def draw(self, qpos: NDArray[np.float64], view: View, end_effector: NDArray[np.float32]) -> NDArray[np.uint8]:
+        """Image ``(height, width, 3)`` of a view."""
+        ...
+
+    def draw_for_people(self, qpos: NDArray[np.float64], camera: str, width: int, height: int) -> NDArray[np.uint8]:
+        """Image ``(height, width, 3)`` of a camera."""
         ...
 
     def close(self) -> None:
@@ -241,7 +245,7 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return frozenset((min(pair), max(pair)) for pair in names)
 
     def render(self) -> NDArray[np.uint8]:
-        """Image ``(480, 640, 3)`` of the front camera; any thread may ask for it.
+        """Image ``(480, 640, 3)`` of the front camera, for people; any thread may ask for it.
 
         Raises:
             InvalidAction: If the environment was never reset.
@@ -250,12 +254,30 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return self.render_camera(FRONT_CAMERA, 640, 480)
 
     def render_camera(self, camera: str, width: int, height: int) -> NDArray[np.uint8]:
-        """Image ``(height, width, 3)`` of a named camera, ``front`` or ``wrist``; see :meth:`render`."""
+        """Undistorted image ``(height, width, 3)`` of a camera, ``front`` or ``wrist``, for people; see :meth:`render`.
+
+        It has shadows and smooth edges, and costs many times what :meth:`render_view` does.
+
+        Raises:
+            ConfigError: If there is no such camera, or no such size.
+        """
+        return self._drawing().draw_for_people(self.data.qpos, camera, width, height)
+
+    def render_view(self, view: View) -> NDArray[np.uint8]:
+        """Image ``(height, width, 3)`` of a view, as policies are shown it; see :meth:`render`.
+
+        It depends on the positions of the joints alone, so a restored state gives the same image to the last bit.
+
+        Raises:
+            ConfigError: If the robot's mesh is asked for and not installed.
+        """
+        return self._drawing().draw(self.data.qpos, view, self._views.position.astype(np.float32))
+
+    def _drawing(self) -> Renderer:
         self._require_begun()
         if self._renderer is None:
-            self._renderer = importlib.import_module(_RENDERER).CameraRenderer(self.model)
-        image: NDArray[np.uint8] = self._renderer.draw(self.data, camera, width, height)
-        return image
+            self._renderer = importlib.import_module(_RENDERER).ViewRenderer(self.task.name)
+        return self._renderer
 
     def close(self) -> None:
         """Free the renderer; may be called again, and a later image makes a new one."""

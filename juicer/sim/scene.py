@@ -7,13 +7,11 @@ elliptic cones with an impedance ratio above one inject energy into parts at res
 from __future__ import annotations
 
 import mujoco
-import numpy as np
 
 from juicer.sim.contacts import FIXTURE, TABLE
-from juicer.sim.panda import END_EFFECTOR_Z, HAND_BODY, add_panda
+from juicer.sim.panda import add_panda
 from juicer.sim.parts import add_part
 from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask, PartSpec
-from juicer.views import FRONT_CAMERA, WRIST_CAMERA
 
 TIMESTEP_S = 0.002
 FLOOR_HEIGHT_M = -0.43
@@ -45,7 +43,6 @@ def build_spec(task: AssemblyTask) -> mujoco.MjSpec:
     add_panda(spec, task.gripper_width_m)
     for part in task.parts:
         add_part(spec, part)
-    _add_cameras(spec)
     return spec
 
 
@@ -76,11 +73,6 @@ def _set_physics(spec: mujoco.MjSpec, task: AssemblyTask) -> None:
     # Divergence is reported as an outcome; an automatic reset would hide it.
     option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     spec.default.geom.solref[:2] = (0.005, 1)
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 720
-    spec.visual.quality.shadowsize = 2048
-    # Coarse round shapes: drawn in software, images cost in proportion to triangles.
-    spec.visual.quality.numslices, spec.visual.quality.numstacks = 14, 8
-    spec.visual.map.znear, spec.visual.map.zfar = 0.01, 10.0
 
 
 def _add_workspace(spec: mujoco.MjSpec) -> None:
@@ -101,28 +93,3 @@ def _add_workspace(spec: mujoco.MjSpec) -> None:
         )  # fmt: skip
     wall = {"type": mujoco.mjtGeom.mjGEOM_BOX, "rgba": (0.0, 0.45, 0.27, 1), "contype": 0, "conaffinity": 0}
     world.add_geom(name="backdrop", pos=(-0.5, 0, 0.32), size=(0.005, 0.75, 0.75), **wall)
-    spec.visual.headlight.ambient = (0.35, 0.35, 0.35)
-    spec.visual.headlight.diffuse = (0.25, 0.25, 0.25)
-    spec.visual.headlight.specular = (0.1, 0.1, 0.1)
-    world.add_light(
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=(0.3, 0, 2), dir=(-0.42, 0.13, -0.85), diffuse=(0.6, 0.6, 0.6)
-    )
-
-
-def _add_cameras(spec: mujoco.MjSpec) -> None:
-    """Front and wrist cameras at FurnitureBench's poses (vertical field of view 42.56 degrees)."""
-    spec.worldbody.add_camera(
-        name=FRONT_CAMERA, pos=(1.20, 0, 0.22), quat=_camera_quat((0, 1, 0), (-0.181, 0, 0.983)), fovy=42.56
-    )
-    spec.body(HAND_BODY).add_camera(
-        name=WRIST_CAMERA, pos=(-0.04, 0, END_EFFECTOR_Z - 0.05),
-        quat=_camera_quat((0, -1, 0), (-0.940, 0, 0.342)), fovy=42.56,
-    )  # fmt: skip
-
-
-def _camera_quat(x_axis: tuple[float, ...], y_axis: tuple[float, ...]) -> np.ndarray:
-    x, y = np.asarray(x_axis, float), np.asarray(y_axis, float)
-    y = y / np.linalg.norm(y)
-    quat = np.empty(4)
-    mujoco.mju_mat2Quat(quat, np.stack([x, y, np.cross(x, y)], axis=1).flatten())
-    return quat

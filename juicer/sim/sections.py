@@ -8,8 +8,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from juicer.errors import InvalidEpisode
 from juicer.sim.env import AssemblyEnv
-from juicer.sim.panda import FINGER_JOINTS
+from juicer.sim.panda import FINGER_JOINTS, NUM_ARM_JOINTS
+from juicer.tasks.specification import AssemblyTask
 
 LARGEST_VALUE = 1e10
 """MuJoCo calls a value beyond this huge, and what it belongs to unstable."""
@@ -63,3 +65,18 @@ class StateSections:
         is_whole = (self.asleep == np.rint(self.asleep)) & (np.abs(self.asleep) < 2**31)
         rings: NDArray[np.bool_] = is_whole.all(axis=1) & (followers == sleepers).all(axis=1)
         return rings
+
+
+def joint_positions(task: AssemblyTask, states: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Positions of all joints ``(N, nq)`` in simulator states ``(N, S)`` of a task's scene; enough to draw it.
+
+    Raises:
+        InvalidEpisode: If they cannot be states of such a scene.
+    """
+    size = NUM_ARM_JOINTS + len(FINGER_JOINTS) + 7 * len(task.parts)
+    positions = states[:, 1 : 1 + size]
+    if positions.shape[1] < size or not np.isfinite(positions).all():
+        raise InvalidEpisode(
+            f"these are not simulator states of {task.name}: they are too short, or hold positions that are no numbers"
+        )
+    return positions

@@ -73,6 +73,11 @@ class GrowingArray:
             self._array.append(pending[:full])
             self._pending = [pending[full:]]
 
+    @property
+    def nbytes_stored(self) -> int:
+        """Bytes of what has been written."""
+        return self._array.nbytes_stored()
+
     def flush(self) -> None:
         """Write what does not fill a chunk."""
         if rest := [values for values in self._pending if len(values)]:

@@ -1,8 +1,9 @@
 """Columns on disk: arrays derived from the episodes of one artifact, such as the images of one camera.
 
 ``columns.zarr`` holds ``data/<name>``, an entry for every step of all episodes, one after another, and
-``meta/episode_ends``, a copy of theirs; its attributes say what the arrays are and which artifact's episodes they
-belong to. Chunks are small, for whoever trains reads windows at random, and share files, lest there be thousands.
+``meta/episode_ends``, a copy of theirs; its attributes say what the arrays are, which artifact's episodes they belong
+to, and whatever else their maker has to tell. Chunks are small, for whoever looks at a step unpacks little, and share
+files, lest there be thousands.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ def write_columns(
     *,
     artifact: str,
     episode_ends: NDArray[np.int64],
+    facts: Mapping[str, str] | None = None,
 ) -> None:
     """Write arrays derived from every episode of an artifact; memory holds an episode and a few chunks.
 
@@ -45,6 +47,7 @@ def write_columns(
         episodes: Arrays ``(T, ...)`` by name for each episode, in the order of the artifact.
         artifact: Id of the artifact of the episodes.
         episode_ends: Its ``(N,)`` index one past the last step of each episode.
+        facts: What else is to be known of them, by name.
 
     Raises:
         InvalidEpisode: If an array does not fit its specification or its episode, or an episode is missing.
@@ -75,7 +78,17 @@ def write_columns(
     for array in arrays.values():
         array.flush()
     write_ends(group, lengths)
-    group.attrs.update({"schema_version": SCHEMA_VERSION, "episodes": artifact, "arrays": schema.to_json()})
+    described: dict[str, Any] = {"schema_version": SCHEMA_VERSION, "episodes": artifact, "arrays": schema.to_json()}
+    group.attrs.update({**described, "facts": dict(facts or {})})
+
+
+def stored_bytes(spec: ArraySpec, values: Array) -> int:
+    """Bytes that some steps ``(T, ...)`` of a column take on a disk."""
+    group = zarr.open_group(zarr.storage.MemoryStore(), mode="w", zarr_format=3)
+    array = _array(group, spec)
+    array.append(values)
+    array.flush()
+    return array.nbytes_stored
 
 
 class ColumnReader:
@@ -86,6 +99,7 @@ class ColumnReader:
         artifact: Id of the artifact of the episodes that they belong to.
         schema: What the arrays are.
         episode_ends: ``(N,)`` index one past the last step of each of these episodes.
+        facts: What else is known of them, by name, as it was written down.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -108,6 +122,8 @@ class ColumnReader:
         if self.schema.names(Role.DERIVED) != self.schema.names():
             raise self._arrays.refusal("not all of them were derived")
         self.artifact = str(attributes.get("episodes"))
+        facts = attributes.get("facts")
+        self.facts = {str(name): str(fact) for name, fact in facts.items()} if isinstance(facts, dict) else {}
         self.episode_ends: NDArray[np.int64] = self._arrays.read_ends()
 
     def check_belong(self, episodes: Path, episode_ends: NDArray[np.int64]) -> None:

@@ -117,6 +117,7 @@ class EpisodeReader:
     """Read access to stored episodes; arrays are read from disk when asked for.
 
     Attributes:
+        folder: Where they are.
         attributes: The facts stored with the group.
         schema: What the arrays are, joined columns included; empty if there is no episode and no column.
         episode_ends: ``(N,)`` index one past the last step of each episode, in the time-major arrays.
@@ -134,7 +135,7 @@ class EpisodeReader:
             ArtifactError: If the folder holds no episodes that juicer wrote, or those of another schema version, or if
                 columns are of other episodes.
         """
-        self._folder = folder
+        self.folder = folder
         self._arrays = StoredArrays(folder / "episodes.zarr", "episodes")
         self.attributes: dict[str, Any] = self._arrays.attributes
         self._version = self.attributes.pop("schema_version", None)
@@ -155,7 +156,7 @@ class EpisodeReader:
         names = [field.name for field in fields(EpisodeRecord)]
         is_first = self._version == 1
         optional = _ADDED + _OPTIONAL if is_first else _OPTIONAL
-        rows = read_table(self._folder / "episodes.parquet", _RECORDS, optional, _FIRST_RECORDS if is_first else None)
+        rows = read_table(self.folder / "episodes.parquet", _RECORDS, optional, _FIRST_RECORDS if is_first else None)
         if [row["length"] for row in rows] != self.lengths.tolist():
             raise self._arrays.refusal("its table and its arrays are of different episodes")
         try:
@@ -187,7 +188,7 @@ class EpisodeReader:
         """
         if episode_id not in self.ids:
             known = did_you_mean(episode_id, self.ids) if len(self.ids) < _MANY else ""
-            raise ArtifactError(f"'{self._folder}' holds no episode {printable(episode_id)}{known}")
+            raise ArtifactError(f"'{self.folder}' holds no episode {printable(episode_id)}{known}")
         return self.ids[episode_id]
 
     def require_state(self) -> None:
@@ -197,7 +198,7 @@ class EpisodeReader:
             StateMissing: If they have none.
         """
         if len(self):
-            require_state(self.schema, f"the data in '{self._folder}'")
+            require_state(self.schema, f"the data in '{self.folder}'")
 
     def read(self, index: int) -> Episode:
         """One episode; negative indices count from the end.
@@ -233,10 +234,10 @@ class EpisodeReader:
             ArtifactError: If the episodes have no such array.
         """
         if not len(self):
-            raise NothingLeft(f"the episodes in '{self._folder}' are none")
+            raise NothingLeft(f"the episodes in '{self.folder}' are none")
         if name not in self.schema:
             known = did_you_mean(name, self.schema.names())
-            raise ArtifactError(f"the episodes in '{self._folder}' have no array '{printable(name)}'{known}")
+            raise ArtifactError(f"the episodes in '{self.folder}' have no array '{printable(name)}'{known}")
         return self._steps(name, span)
 
     def _read_schema(self) -> Schema:
@@ -244,7 +245,7 @@ class EpisodeReader:
             return SIMULATOR
         if self._version != SCHEMA_VERSION:
             raise ArtifactError(
-                f"episodes in '{self._folder}' have schema version {printable(self._version)}; "
+                f"episodes in '{self.folder}' have schema version {printable(self._version)}; "
                 f"this juicer reads {SCHEMA_VERSION}"
             )
         try:
@@ -258,12 +259,12 @@ class EpisodeReader:
         return self._arrays.read(f"data/{name}", self.schema[name], int(self.episode_ends[-1]), span)
 
     def _join(self, columns: ColumnReader) -> None:
-        columns.check_belong(self._folder, self.episode_ends)
+        columns.check_belong(self.folder, self.episode_ends)
         for spec in columns.schema:
             if spec.name in self.schema:
                 raise ArtifactError(
                     f"the columns in '{columns.folder}' have an array '{spec.name}', and so have the episodes in "
-                    f"'{self._folder}' or other columns of them; leave one out"
+                    f"'{self.folder}' or other columns of them; leave one out"
                 )
             self._columns[spec.name] = columns
         self.schema = self.schema.extended(*columns.schema)

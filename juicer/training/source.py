@@ -41,6 +41,11 @@ class WindowSource(Protocol):
         """Number of windows."""
         ...
 
+    @property
+    def image_bytes(self) -> int:
+        """Bytes of the images that a window shows."""
+        ...
+
     def gather(self, rows: Tensor, noise: StateNoise | None = None) -> Batch:
         """Windows ``(B,)`` by number; noise falls on the leading rows, so ``rows`` must be in random order for it."""
         ...

@@ -21,6 +21,7 @@ from juicer.policy.refusals import refusals_as_os_errors
 from juicer.training.windows import TrainingEpisodes
 
 STATE_FILE = "training_state.safetensors"
+IMAGES_HASHED = 64
 
 logger = logging.getLogger(__name__)
 
@@ -41,10 +42,16 @@ class TrainingState:
 
 
 def training_identity(episodes: TrainingEpisodes, settings: Mapping[str, object]) -> str:
-    """Digest of data and settings, which keeps a state from being continued as something else."""
+    """Digest of data and settings, which keeps a state from being continued as something else.
+
+    Of images, a few stand for all.
+    """
     digest = hashlib.sha256(canonical_json(settings).encode())
     for name in sorted(episodes.observations):
         digest.update(np.ascontiguousarray(episodes.observations[name]).data)
+    for name, images in sorted(episodes.images.items()):
+        digest.update(f"{name} {images.shape}".encode())
+        digest.update(images[:: max(1, len(images) // IMAGES_HASHED)].tobytes())
     digest.update(np.ascontiguousarray(episodes.actions).data)
     digest.update(np.ascontiguousarray(episodes.episode_ends).data)
     digest.update("\n".join(episodes.families).encode())

@@ -26,7 +26,8 @@ ENCODED_AT_ONCE = 8192
 class WindowTable:
     """The windows of some episodes in memory, with their features and action chunks.
 
-    Rows cost ``4 * 10 * T_p`` bytes a window and ``4 * F`` a step: about 1.6 kB, 90 MB for 60,000 steps.
+    Rows cost ``4 * 10 * T_p`` bytes a window and ``4 * F`` a step: about 1.6 kB, 90 MB for 60,000 steps. Images stay
+    where they are, and a batch takes what it needs.
     """
 
     def __init__(
@@ -46,6 +47,8 @@ class WindowTable:
         self._observations = {
             name: torch.from_numpy(values).to(device) for name, values in _observed(network, episodes).items()
         }
+        # They stay outside the device, and mostly outside the memory: a batch takes what it needs.
+        self._images = {name: torch.from_numpy(values) for name, values in _looked_at(network, episodes).items()}
         self._actions = torch.from_numpy(episodes.actions).to(device)
         self._obs_steps = torch.from_numpy(windows.obs_steps).to(device)
         self._action_steps = torch.from_numpy(windows.action_steps).to(device)
@@ -57,6 +60,11 @@ class WindowTable:
     def __len__(self) -> int:
         """Number of windows."""
         return len(self._obs_steps)
+
+    @property
+    def image_bytes(self) -> int:
+        """See :class:`juicer.training.source.WindowSource`."""
+        return self._obs_steps.shape[1] * sum(images[0].nbytes for images in self._images.values())
 
     def fit(self, noise: StateNoise | None = None) -> None:
         """Give the network the limits of what these windows will show it, physical state noise included."""
@@ -72,18 +80,17 @@ class WindowTable:
     def normalize(self) -> None:
         """Apply the network's limits; needed once before batches are taken."""
         self._chunks = self._network.action_normalizer.normalize(self._chunks)
-        self._prepared = self._network.encoders.prepare_lessons(self._observations)
+        self._prepared = self._network.encoders.prepare_lessons({**self._observations, **self._images})
 
     @torch.no_grad()
     def gather(self, rows: Tensor, noise: StateNoise | None = None) -> Batch:
         """See :class:`juicer.training.source.WindowSource`."""
         steps = self._obs_steps[rows]
-        prepared = {name: values[steps] for name, values in self._prepared.items()}
+        prepared = _rows(self._prepared, steps)
         chunk = self._chunks[rows]
         num_noisy = round(noise.probability * len(rows)) if noise else 0
         if isinstance(noise, PhysicalStateNoise):
-            seen = {name: values[steps[:num_noisy]] for name, values in self._observations.items()}
-            seen = perturb_observations(seen, noise)
+            seen = perturb_observations(_rows({**self._observations, **self._images}, steps[:num_noisy]), noise)
             for name, values in self._network.encoders.prepare_lessons(seen).items():
                 prepared[name][:num_noisy] = values
             absolute = self._actions[self._action_steps[rows[:num_noisy]]]
@@ -105,9 +112,14 @@ class WindowTable:
         return torch.cat([encode(self._actions[self._action_steps[rows]], proprioception[rows]) for rows in blocks])
 
 
+def _rows(arrays: Mapping[str, Tensor], steps: Tensor) -> dict[str, Tensor]:
+    """Rows ``(B, T_o, ...)`` of arrays, on the device of the steps, wherever the arrays are."""
+    return {name: values[steps.to(values.device)].to(steps.device) for name, values in arrays.items()}
+
+
 def _observed(network: PolicyNetwork, episodes: TrainingEpisodes) -> Mapping[str, NDArray[Any]]:
-    """What a network is shown of episodes in training."""
-    names = [spec.name for spec in network.encoders.lessons]
+    """What a network is shown of episodes in training, but for images."""
+    names = [spec.name for spec in network.encoders.lesson_numbers]
     if len(network.tasks) > 1:
         names.append(TASK_KEY)
     for name in names:
@@ -117,3 +129,12 @@ def _observed(network: PolicyNetwork, episodes: TrainingEpisodes) -> Mapping[str
                 f"{', '.join(sorted(episodes.observations))}"
             )
     return {name: episodes.observations[name] for name in names}
+
+
+def _looked_at(network: PolicyNetwork, episodes: TrainingEpisodes) -> Mapping[str, NDArray[np.uint8]]:
+    """Images that a network is shown in training."""
+    specs = network.encoders.lesson_images
+    for spec in specs:
+        if spec.name not in episodes.images:
+            raise TrainingFailed(f"the policy looks at {spec.view}, of which it is given no images to learn from")
+    return {spec.name: episodes.images[spec.name] for spec in specs}

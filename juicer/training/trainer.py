@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from juicer.errors import ConfigError, TrainingFailed
@@ -61,6 +63,7 @@ def train(
     config: TrainingConfig,
     *,
     seed: int,
+    images: Mapping[str, NDArray[np.uint8]] | None = None,
     scratch: Path | None = None,
     device: str = "cpu",
     progress: Progress = silent_progress,
@@ -74,6 +77,8 @@ def train(
         tasks: Assembly tasks that the episodes show.
         config: How to train.
         seed: Decides initial weights, split, order and noise.
+        images: Images ``(S, H, W, 3)`` at all steps of the episodes, one after another, by name; those of the views
+            that the policy looks at.
         scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
             training continues from it, bit for bit on a CPU.
         device: Torch device; a fact about the machine, not part of what is trained.
@@ -86,7 +91,7 @@ def train(
     """
     torch_device = usable_device(device)
     _check_noise(policy, config)
-    episodes = concatenate(sources)
+    episodes = replace(concatenate(sources), images=images or {})
     learned, held_out = cut_sides(episodes, policy.horizons, config, seed)
     use = measure_use(episodes, learned, held_out)
     check_use(use, policy.horizons, config.windows.back_padding)

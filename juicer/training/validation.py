@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+from torch import Tensor
 
 from juicer.policy.actions import POSITION, ROTATION
 from juicer.policy.network import PolicyNetwork
@@ -13,6 +14,8 @@ from juicer.training.source import WindowSource
 VALIDATION_ROWS = 1024
 """Windows that a validation looks at; always the same ones."""
 VALIDATION_SEED = 0
+IMAGE_BYTES = 2**22
+"""Of images that go through a network at once; what it makes of them takes about a hundred times the room."""
 
 
 @torch.no_grad()
@@ -25,27 +28,39 @@ def validate(network: PolicyNetwork, source: WindowSource) -> dict[str, float]:
         ``validation/gripper_accuracy``, share of executed actions whose gripper command has the right sign.
     """
     order = stream(VALIDATION_SEED, "validation").permutation(len(source))[:VALIDATION_ROWS]
-    rows = torch.from_numpy(order)
     was_training = network.training
     network.eval()
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(VALIDATION_SEED)
-        batch = source.gather(rows)
-        recorded, proprioception = source.recorded(rows)
-        loss = batch.average(network.compute_loss(batch.prepared, batch.chunk))
-        predicted = network.act(batch.prepared, proprioception, torch.randn(recorded.shape).to(recorded.device))
+        parts = [_judge(network, source, rows) for rows in torch.split(torch.from_numpy(order), _at_once(source))]
     network.train(was_training)
+    losses, targets, chunks, demonstrated = zip(*parts, strict=True)
+    shares = torch.stack(targets) / torch.stack(targets).sum()
     horizons = network.config.horizons
     executed = slice(horizons.obs - 1, horizons.obs - 1 + horizons.action)
-    predicted, recorded = predicted[:, executed], recorded[:, executed]
+    predicted, recorded = torch.cat(chunks)[:, executed], torch.cat(demonstrated)[:, executed]
     distance_m = (predicted - recorded)[..., POSITION].norm(dim=-1)
     same_sign = (predicted[..., 9] > 0) == (recorded[..., 9] > 0)
     return {
-        "validation/loss": float(loss),
+        "validation/loss": float((torch.stack(losses) * shares).sum()),
         "validation/position_error_mm": 1000 * float(distance_m.mean()),
         "validation/rotation_error_deg": float(_angle_rad(predicted, recorded).rad2deg().mean()),
         "validation/gripper_accuracy": float(same_sign.float().mean()),
     }
+
+
+def _judge(network: PolicyNetwork, source: WindowSource, rows: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Loss of some windows and how many targets they have, the actions that are predicted, and those recorded."""
+    batch = source.gather(rows)
+    recorded, proprioception = source.recorded(rows)
+    loss = batch.average(network.compute_loss(batch.prepared, batch.chunk))
+    predicted = network.act(batch.prepared, proprioception, torch.randn(recorded.shape).to(recorded.device))
+    return loss, batch.weight.sum(), predicted, recorded
+
+
+def _at_once(source: WindowSource) -> int:
+    """Windows that a memory holds with all that a network makes of their images."""
+    return max(1, min(VALIDATION_ROWS, IMAGE_BYTES // max(1, source.image_bytes)))
 
 
 def _angle_rad(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:

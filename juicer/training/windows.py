@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ class TrainingEpisodes:
         sources: ``(N,)`` where each episode comes from, e.g. ``teleop``; only to tell what became of them.
         weights: ``(N,)`` how often each window of an episode is learned from, as compared with those of others; all
             alike if empty.
+        images: Arrays ``(S, H, W, 3)`` of uint8 by name, which may be larger than the memory.
     """
 
     observations: Mapping[str, NDArray[np.float32]]
@@ -34,11 +36,13 @@ class TrainingEpisodes:
     families: Sequence[str]
     sources: Sequence[str]
     weights: Sequence[float] = ()
+    images: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check that the arrays agree in length."""
         num_steps = int(self.episode_ends[-1]) if len(self.episode_ends) else 0
-        lengths = {name: len(values) for name, values in {**self.observations, "action": self.actions}.items()}
+        arrays: dict[str, NDArray[Any]] = {**self.observations, **self.images, "action": self.actions}
+        lengths = {name: len(values) for name, values in arrays.items()}
         if set(lengths.values()) != {num_steps}:
             raise TrainingFailed(f"episodes end at step {num_steps}, but their arrays have lengths {lengths}")
         for thing, labels in {"family": self.families, "source": self.sources}.items():

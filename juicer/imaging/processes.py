@@ -1,0 +1,129 @@
+"""Processes that draw: software OpenGL keeps one processor busy, and a context belongs to the thread that made it."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections import deque
+from collections.abc import Iterable, Iterator
+from itertools import cycle
+from multiprocessing.connection import Connection
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from juicer.errors import RenderingUnavailable
+from juicer.imaging.gl import gl_name
+from juicer.imaging.renderer import ViewRenderer
+from juicer.views import View
+
+AHEAD = 2
+"""Batches that wait for a process, or that it has drawn and nobody has taken."""
+FAREWELL_SECONDS = 5.0
+
+Images = NDArray[np.uint8]
+
+
+class Scenes(NamedTuple):
+    """What is drawn.
+
+    Attributes:
+        positions: Positions of all joints ``(N, nq)``.
+        end_effector: Its position as it was observed ``(N, 3)``, robot base frame [m].
+    """
+
+    positions: NDArray[np.float64]
+    end_effector: NDArray[np.float32]
+
+
+class DrawingProcesses:
+    """Processes that draw a view of one task's scenes, each with an OpenGL context of its own.
+
+    They end when they are closed, or with the process that started them, whatever ends that.
+
+    Attributes:
+        gl: What draws, in the words of its OpenGL platform.
+    """
+
+    def __init__(self, task: str, view: View, workers: int) -> None:
+        """Start them.
+
+        Raises:
+            RenderingUnavailable: If no OpenGL platform can draw.
+        """
+        spawning = multiprocessing.get_context("spawn")
+        self._links: list[Connection] = []
+        self._processes = []
+        for _ in range(workers):
+            link, their_end = spawning.Pipe()
+            process = spawning.Process(target=_work, args=(their_end, task, view), name="drawing", daemon=True)
+            process.start()
+            their_end.close()
+            self._links.append(link)
+            self._processes.append(process)
+        try:
+            names: set[str] = {_received(link) for link in self._links}
+            (self.gl,) = names
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        """Hand them out."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """End them."""
+        self.close()
+
+    def close(self) -> None:
+        """End them; what they are at is lost."""
+        for link in self._links:
+            link.close()
+        for process in self._processes:
+            process.join(FAREWELL_SECONDS)
+            process.terminate()
+            process.join()
+
+    def draw(self, batches: Iterable[Scenes]) -> Iterator[Images]:
+        """Images ``(N, height, width, 3)`` of each batch, in order.
+
+        Raises:
+            JuicerError: Whatever drawing raises.
+        """
+        ahead: deque[Connection] = deque()
+        for link, scenes in zip(cycle(self._links), batches, strict=False):
+            if len(ahead) == AHEAD * len(self._links):
+                yield _received(ahead.popleft())
+            link.send(scenes)
+            ahead.append(link)
+        while ahead:
+            yield _received(ahead.popleft())
+
+
+def _received(link: Connection) -> Any:
+    try:
+        answer = link.recv()
+    except (EOFError, OSError):
+        raise RenderingUnavailable(
+            "a process that draws images ended before its work was done; the machine may have run out of memory"
+        ) from None
+    if isinstance(answer, Exception):
+        raise answer
+    return answer
+
+
+def _work(link: Connection, task: str, view: View) -> None:
+    try:
+        renderer = ViewRenderer(task)
+        link.send(gl_name())
+        while True:
+            scenes = link.recv()
+            link.send(np.stack([renderer.draw(each, view, at) for each, at in zip(*scenes, strict=True)]))
+    except (EOFError, BrokenPipeError, KeyboardInterrupt):
+        return
+    except Exception as error:
+        link.send(error)

@@ -1,0 +1,110 @@
+"""Images of a training: unpacked once, by long reads, into files that are mapped into memory; windows are then rows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from juicer.errors import ArtifactError
+from juicer.progress import Progress, silent_progress
+from juicer.storage.dataset import DatasetRow
+from juicer.storage.episodes import EpisodeReader
+from juicer.storage.room import require_room
+from juicer.views import ImageSpec
+
+READ_BYTES = 2**26
+"""What is unpacked at once, in memory."""
+
+
+class Chosen(NamedTuple):
+    """Episodes of one artifact.
+
+    Attributes:
+        reader: The artifact, with the columns that hold the images.
+        rows: Which of its episodes, in order.
+    """
+
+    reader: EpisodeReader
+    rows: Sequence[DatasetRow]
+
+
+def unpack_images(
+    groups: Sequence[Chosen], specs: Sequence[ImageSpec], folder: Path, progress: Progress = silent_progress
+) -> dict[str, NDArray[np.uint8]]:
+    """Images at all steps of some episodes, one after another: arrays ``(S, height, width, 3)`` by name.
+
+    A memory that can hold them will: the system keeps there what it reads, and drops it when it needs the room. So no
+    window costs a read from the disk, or each does, and the program is the same.
+
+    Args:
+        groups: The episodes.
+        specs: Which images.
+        folder: Where the files go.
+        progress: Called with the share that is unpacked.
+
+    Raises:
+        ArtifactError: If there are no images of a view, or they are of another size.
+        DamagedArtifact: If some have other content than when they were written.
+        StoreNotWritable: If the disk has too little room.
+    """
+    if not specs:
+        return {}
+    spans = [list(_spans(group, READ_BYTES // max(math.prod(_sizes(spec)) for spec in specs))) for group in groups]
+    total = sum(span.stop - span.start for each in spans for span in each)
+    for group in groups:
+        _check(group.reader, specs)
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in folder.iterdir():
+        old.unlink()
+    needed = total * sum(math.prod(_sizes(spec)) for spec in specs)
+    require_room(folder, needed, f"the images of {total:,} steps, unpacked for the training,")
+    unpacked: dict[str, NDArray[np.uint8]] = {}
+    for number, spec in enumerate(specs):
+        images = np.memmap(folder / spec.name, np.uint8, "w+", shape=(total, *_sizes(spec)))
+        done = 0
+        for group, each in zip(groups, spans, strict=True):
+            for span in each:
+                steps = span.stop - span.start
+                images[done : done + steps] = group.reader.steps(spec.name, span)
+                done += steps
+                share = (number + done / total) / len(specs)
+                progress(0, 0, unpacked_images=f"{share:.0%}")
+        unpacked[spec.name] = images
+    return unpacked
+
+
+def _spans(group: Chosen, longest: int) -> Iterator[slice]:
+    """The steps of the episodes, in their order, in spans that are read at once."""
+    reader = group.reader
+    start = end = 0
+    for row in group.rows:
+        index = reader.find(row.episode_id)
+        last = int(reader.episode_ends[index])
+        first = last - int(reader.lengths[index])
+        if first != end:
+            yield from _cut(start, end, longest)
+            start = first
+        end = last
+    yield from _cut(start, end, longest)
+
+
+def _cut(start: int, end: int, longest: int) -> Iterator[slice]:
+    return (slice(first, min(first + longest, end)) for first in range(start, end, max(1, longest)))
+
+
+def _check(reader: EpisodeReader, specs: Sequence[ImageSpec]) -> None:
+    for spec in specs:
+        if spec.name not in reader.schema or not reader.schema[spec.name].fits(_sizes(spec), np.dtype(spec.dtype)):
+            raise ArtifactError(
+                f"the policy looks at {spec.view}, and the dataset has no such images of the episodes in "
+                f"'{reader.folder}'; draw them by the stage 'render', or run the whole loop"
+            )
+
+
+def _sizes(spec: ImageSpec) -> tuple[int, int, int]:
+    return (spec.view.height, spec.view.width, 3)
