@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,11 +12,14 @@ from flows.loop_config import LoopConfig
 from juicer.artifacts.ref import ArtifactRef
 from juicer.demonstration.log import SUFFIX
 from juicer.errors import ArtifactNotFound, ConfigError
+from juicer.policy.config import PolicyConfig
+from juicer.policy.encoders.estimated.config import EstimatedConfig
 from juicer.text import printable
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import collect
 from stages.dataset import dataset
+from stages.estimate import EstimateConfig, estimate
 from stages.evaluate import evaluate
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
@@ -57,13 +60,17 @@ class _Data:
     """What a model is trained on in the end.
 
     Attributes:
+        loop: The loop of its task.
         session: Session of the last turn of collect, select, train.
-        episodes: Demonstrations and corrective episodes.
+        demonstrations: What it begins with.
+        episodes: These and corrective episodes.
         selections: Rollouts of the model's predecessors, and which of them are kept.
         findings: Why there are no more of these.
     """
 
+    loop: LoopConfig
     session: Session
+    demonstrations: ArtifactRef
     episodes: tuple[ArtifactRef, ...]
     selections: tuple[_Selected, ...] = ()
     findings: tuple[str, ...] = ()
@@ -121,7 +128,8 @@ def _train(session: Session, config: LoopConfig, training: TrainConfig, gathered
         ),
         config=config.dataset,
     )
-    return train(session, dataset=mixed, config=training)
+    estimators = tuple(ref for data in gathered for ref in _estimators(data, training.policy))
+    return train(session, dataset=mixed, estimators=estimators, config=training)
 
 
 def _gather(session: Session, config: LoopConfig, condition: Condition, seed: int) -> _Data:
@@ -190,9 +198,19 @@ def _data(
 ) -> _Data:
     """Demonstrations, what models have achieved themselves, and corrective episodes if any are wanted and found."""
     if augmentation is None:
-        return _Data(session, (demonstrations,), selections)
+        return _Data(config, session, demonstrations, (demonstrations,), selections)
     annotations = annotate(session, episodes=demonstrations, labels=config.labels, config=config.annotate)
     corrective = augment(session, episodes=demonstrations, annotations=annotations, config=augmentation)
     if findings := _findings(session, corrective):
-        return _Data(session, (demonstrations,), selections, findings)
-    return _Data(session, (demonstrations, corrective), selections)
+        return _Data(config, session, demonstrations, (demonstrations,), selections, findings)
+    return _Data(config, session, demonstrations, (demonstrations, corrective), selections)
+
+
+def _estimators(data: _Data, policy: PolicyConfig) -> Iterator[ArtifactRef]:
+    """What a policy that estimates poses has to know before it is trained; the same for every condition and seed."""
+    for encoder in policy.observation.values():
+        if isinstance(encoder, EstimatedConfig):
+            session, loop, demonstrations = data.session, data.loop, data.demonstrations
+            annotations = annotate(session, episodes=demonstrations, labels=loop.labels, config=loop.annotate)
+            config = EstimateConfig(encoder=encoder)
+            yield estimate(session, episodes=demonstrations, annotations=annotations, config=config)

@@ -107,15 +107,14 @@ class _Loop:
         self._order = BatchOrder(len(lessons), self._config.batch_size, seed)
 
     def run(self, identity: str, scratch: Path | None, progress: Progress, metrics: MetricSink) -> float:
-        steps, loss_sum, shown = self._config.steps, torch.zeros(()), math.nan
+        steps, loss_sum, shown = self._config.steps, 0.0, math.nan
         first = self._resume(identity, scratch)
         started = time.monotonic()
         for step in range(first, steps):
             loss_sum += self._learn(step)
             done = step + 1
             if done % REPORT_EVERY == 0 or done == steps:
-                shown = float(loss_sum) / (done % REPORT_EVERY or REPORT_EVERY)
-                loss_sum.zero_()
+                shown, loss_sum = loss_sum / (done % REPORT_EVERY or REPORT_EVERY), 0.0
                 if not math.isfinite(shown):
                     raise TrainingFailed(
                         f"the loss of the estimator is no longer a number by step {done}; lower its learning_rate "
@@ -128,7 +127,7 @@ class _Loop:
                 save_state(scratch, TrainingState(identity, done, self._tensors()))
         return shown
 
-    def _learn(self, step: int) -> Tensor:
+    def _learn(self, step: int) -> float:
         rows = self._order.rows(step).sort().values
         # Taken in the order in which they lie on the disk.
         images = [torch.from_numpy(images[rows.numpy()]).to(self._device) for images in self._lessons.images.values()]
@@ -136,7 +135,7 @@ class _Loop:
         with torch.autocast(self._device.type, torch.bfloat16, enabled=reduced):
             loss = self._estimator.compute_loss(images, self._features[rows])
         self._optimizer.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()
         torch.nn.utils.clip_grad_norm_(self._parameters, LARGEST_GRADIENT)
         self._optimizer.param_groups[0]["lr"] = self._rate(step)
         self._optimizer.step()
@@ -144,7 +143,7 @@ class _Loop:
             decay = min(AVERAGE_DECAY, (1 + step) / (10 + step))
             averages: list[Tensor] = list(self.average.parameters())
             torch._foreach_lerp_(averages, list(self._parameters), 1 - decay)
-        return loss.detach().cpu()
+        return float(loss.detach())
 
     def _rate(self, step: int) -> float:
         """Linear warm-up, then a cosine that ends at zero."""
@@ -191,10 +190,11 @@ def measure(
     true = _true_features(estimator, lessons)
     proprioception = torch.from_numpy(lessons.observations["proprioception"])
     estimates, loss = [], 0.0
-    for rows in torch.arange(len(lessons)).split(MEASURED_AT_ONCE):
-        images = {view.name: torch.from_numpy(lessons.images[view.name][rows.numpy()]).to(device) for view in views}
+    for start in range(0, len(lessons), MEASURED_AT_ONCE):
+        rows = slice(start, start + MEASURED_AT_ONCE)
+        images = {view.name: torch.from_numpy(np.array(lessons.images[view.name][rows])).to(device) for view in views}
         estimates.append(estimator({"proprioception": proprioception[rows].to(device), **images}).cpu())
-        loss += len(rows) * float(estimator.compute_loss(list(images.values()), true[rows].to(device)))
+        loss += len(true[rows]) * float(estimator.compute_loss(list(images.values()), true[rows].to(device)))
     facts = {"validation/loss": loss / max(len(lessons), 1)}
     features = estimator.config.features
     seen, truth = (read_pair(each, features) for each in (torch.cat(estimates), true))

@@ -1,27 +1,21 @@
-"""Drawn scenes on disk: images in plain files that the system maps into memory, and what is true of each scene."""
+"""What an estimator learns from: images of scenes, and what is true of each."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from juicer.views import View
-
-DONE_FILE = "done.json"
-
 
 @dataclass(frozen=True)
 class Lessons:
-    """Scenes with their images.
+    """Scenes.
 
     Attributes:
-        images: By view's name, ``(N, h, w, 3)`` of uint8, mapped into memory.
-        observations: Proprioception ``(N, 16)`` and part poses ``(N, 7 P)``.
+        images: By view's name, ``(N, h, w, 3)``.
+        observations: Proprioception ``(N, 16)`` and part poses ``(N, 7 P)`` by name.
         critical_states: ``(N,)`` the critical state that each is close to, by its index, or -1.
     """
 

@@ -7,6 +7,7 @@ they are, and sees more of what a policy may come upon than demonstrations show.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -28,7 +29,7 @@ from juicer.tasks.specification import MOUNTED_COSINE, AssemblyPair
 _ASIDE_M, _ABOVE_M = 0.008, 0.03
 """A part so near to its seat's axis, and no higher above the seat, stands in its hole."""
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Perturbation:
         self._views = SceneViews(self._env.model, self._env.data, self._env.task)
         self._controller = EndEffectorController()
 
-    def displace(self, state: Array, rng: np.random.Generator) -> Scene:
+    def displace(self, state: NDArray[np.float64], rng: np.random.Generator) -> Scene:
         """A recorded simulator state, displaced.
 
         Raises:
@@ -67,7 +68,10 @@ class Perturbation:
         poses = self._views.part_poses.reshape(-1, 7)
         recorded = poses.copy()
         held, standing_in = self._held(), self._standing_in(recorded)
-        level = lambda largest: largest * rng.random() ** 2  # noqa: E731
+
+        def level(largest: float) -> float:
+            return largest * float(rng.random()) ** 2
+
         planar = _motion(rng, level(config.base_m), level(config.base_rad), planar=True)
         base = recorded[0, :3]
         carried = self._carried(standing_in)

@@ -77,7 +77,7 @@ class Recorded:
 
 
 def displaced(reader: EpisodeReader, steps: NDArray[np.int64], config: Displacements, seed: int) -> Iterator[Scene]:
-    """Recorded steps, displaced; what becomes of one depends on nothing but the seed and its place among them.
+    """Recorded steps in ascending order, displaced; each depends on nothing but the seed and its place among them.
 
     Raises:
         StateMissing: If the episodes hold no simulator states.
@@ -85,14 +85,15 @@ def displaced(reader: EpisodeReader, steps: NDArray[np.int64], config: Displacem
     """
     reader.require_state()
     perturbation = Perturbation(reader.records[0].task, config)
-    ends = reader.episode_ends
-    for number, step in enumerate(steps.tolist()):
-        if number == 0 or step >= end:
-            episode = int(np.searchsorted(ends, step, side="right"))
-            end = int(ends[episode])
-            first = end - int(reader.lengths[episode])
-            states = reader.steps(STATE_KEY, slice(first, end))
-        yield perturbation.displace(states[step - first], stream(seed, "displacement", number))
+    owners = np.searchsorted(reader.episode_ends, steps, side="right")
+    number = 0
+    for episode in np.unique(owners).tolist():
+        end = int(reader.episode_ends[episode])
+        first = end - int(reader.lengths[episode])
+        states = reader.steps(STATE_KEY, slice(first, end))
+        for step in steps[owners == episode].tolist():
+            yield perturbation.displace(states[step - first], stream(seed, "displacement", number))
+            number += 1
 
 
 def _around(reader: EpisodeReader, annotations: Sequence[Annotation], reach: int) -> NDArray[np.int64]:

@@ -14,9 +14,9 @@ from juicer.config import StrictConfig
 from juicer.errors import InvalidCheckpoint
 from juicer.policy.acting import TrainedPolicy
 from juicer.policy.config import MOST_TASKS, FeatureSpec, PolicyConfig
+from juicer.policy.model_files import expected_weights, read_metadata, read_weights, write_weights
 from juicer.policy.network import PolicyNetwork, build_policy
 from juicer.policy.replay import REPLAY_FILE, ReplayPolicy, load_replay
-from juicer.policy.model_files import expected_weights, read_metadata, read_weights, write_weights
 
 SCHEMA_VERSION = 5
 POLICY_FILE = "policy.json"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any, ClassVar
 
@@ -47,6 +47,13 @@ class ObservationEncoder(nn.Module, ABC):
     def lessons(self) -> tuple[ArraySpec, ...]:
         """What it is shown in training: what it sees, unless it learns from what nobody sees when acting."""
         return self.observations
+
+    def take_over(self, learned: Sequence[nn.Module]) -> None:
+        """Take what it needs of networks that have learned before; most need none.
+
+        Raises:
+            ConfigError: If what it needs is not among them.
+        """
 
     @abstractmethod
     def fit(self, observations: Mapping[str, Tensor]) -> None:
@@ -123,6 +130,11 @@ class Encoders(nn.Module):
         taught = PART_POSES in {spec.name for spec in self.lessons} and not poses
         told = {"images": images, "state": poses, "proprioception": not (images or poses), "poses in training": taught}
         return ", ".join(what for what, is_so in told.items() if is_so)
+
+    def take_over(self, learned: Sequence[nn.Module]) -> None:
+        """See :class:`ObservationEncoder`."""
+        for _, encoder in self.items():
+            encoder.take_over(learned)
 
     def fit(self, observations: Mapping[str, Tensor]) -> None:
         """See :class:`ObservationEncoder`."""

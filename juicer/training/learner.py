@@ -52,7 +52,7 @@ class Learner:
         self.precision = config.precision
         if config.precision == "auto":
             self.precision = "bf16" if device.type != "cpu" or has_fast_bfloat16() else "fp32"
-        self._parameters = list(network.parameters())
+        self._parameters = [parameter for parameter in network.parameters() if parameter.requires_grad]
         self._optimizer = torch.optim.AdamW(
             self._parameters, lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
         )
@@ -105,7 +105,8 @@ class Learner:
             return
         # Early on a long memory would mostly remember the initial weights.
         decay = min(self._config.ema_decay, (1 + step) / (10 + step)) ** AVERAGED_EVERY
-        averages: list[Tensor] = list(self.ema.parameters())
+        pairs = zip(self.ema.parameters(), self.network.parameters(), strict=True)
+        averages: list[Tensor] = [average for average, parameter in pairs if parameter.requires_grad]
         current: list[Tensor] = list(self._parameters)
         torch._foreach_lerp_(averages, current, 1 - decay)
 

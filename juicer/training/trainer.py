@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from juicer.errors import ConfigError, TrainingFailed
 from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetadata
@@ -64,6 +64,7 @@ def train(
     *,
     seed: int,
     images: Mapping[str, NDArray[np.uint8]] | None = None,
+    estimators: Sequence[nn.Module] = (),
     scratch: Path | None = None,
     device: str = "cpu",
     progress: Progress = silent_progress,
@@ -79,6 +80,7 @@ def train(
         seed: Decides initial weights, split, order and noise.
         images: Images ``(S, H, W, 3)`` at all steps of the episodes, one after another, by name; those of the views
             that the policy looks at.
+        estimators: Networks that have learned before, for encoders that need one.
         scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
             training continues from it, bit for bit on a CPU.
         device: Torch device; a fact about the machine, not part of what is trained.
@@ -97,7 +99,9 @@ def train(
     check_use(use, policy.horizons, config.windows.back_padding)
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
-        network = build_policy(policy, tasks, torch_seed(seed, "weights")).to(torch_device)
+        network = build_policy(policy, tasks, torch_seed(seed, "weights"))
+        network.encoders.take_over(estimators)
+        network.to(torch_device)
         windows = window_sources(episodes, (learned, held_out), network, config, seed, torch_device)
         learner = Learner(network, config, seed, torch_device)
         order = BatchOrder(len(windows.learned), config.batch_size, seed, window_weights(episodes, learned))

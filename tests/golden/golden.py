@@ -40,7 +40,7 @@ from juicer.tasks.registry import TASK_NAMES, get_task
 from juicer.training.config import PhysicalStateNoise, TrainingConfig, WindowConfig
 from juicer.training.trainer import TrainedCheckpoint, train
 from juicer.training.windows import TrainingEpisodes
-from stages.train import feature_spec
+from juicer.policy.feature_spec import feature_spec
 
 TASK = "one_leg"
 """What is learned and evaluated."""

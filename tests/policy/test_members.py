@@ -90,7 +90,7 @@ from juicer.storage.episodes import EpisodeReader
 from juicer.training.config import TrainingConfig
 from juicer.training.trainer import train
 from juicer.training.windows import TrainingEpisodes
-from stages.train import feature_spec
+from juicer.policy.feature_spec import feature_spec
 
 policy = parse_config(json.loads(sys.argv[1]), PolicyConfig, origin="test")
 rng, length = np.random.default_rng(0), 30

@@ -61,6 +61,11 @@ class EstimatedConfig(EncoderConfig):
     features: FeaturesConfig = FeaturesConfig()
     estimator: EstimatorConfig = EstimatorConfig()
 
+    @property
+    def learned_views(self) -> tuple[View, ...]:
+        """None: a policy learns from true poses, and its estimator draws what it needs."""
+        return ()
+
     def rough_features(self) -> int:
         """See :class:`juicer.policy.members.EncoderConfig`."""
         return self.features.rough_features()

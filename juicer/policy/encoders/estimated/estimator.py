@@ -60,6 +60,10 @@ class Estimator(nn.Module):
         # Before them stands the proprioception, which is known, and behind them which pair is next.
         self._shown = slice(PROPRIOCEPTION_SIZE, size - self.num_choices + 1)
 
+    def is_like(self, other: Estimator) -> bool:
+        """Whether another one estimates the same from the same."""
+        return (self.config, self.spec) == (other.config, other.spec)
+
     def forward(self, observations: Mapping[str, Tensor]) -> Tensor:
         """Features ``(..., F)`` of proprioception ``(..., 16)`` and the views' images ``(..., h, w, 3)`` of uint8."""
         proprioception = observations["proprioception"]
@@ -91,7 +95,15 @@ class Estimator(nn.Module):
             backbone(self.pixels(image.permute(0, 3, 1, 2).float() / FULL_BRIGHTNESS))
             for backbone, image in zip(self.backbones, images, strict=True)
         ]
-        return self.together(torch.cat([*found, read], dim=-1))
+        together: Tensor = self.together(torch.cat([*found, read], dim=-1))
+        return together
+
+
+def build_estimator(config: EstimatedConfig, spec: FeatureSpec, seed: int) -> Estimator:
+    """Estimator whose initial weights depend only on the seed; torch's global random state is left as it was."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        return Estimator(config, spec)
 
 
 def _choice_of(which: Tensor) -> Tensor:

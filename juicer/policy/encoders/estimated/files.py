@@ -9,7 +9,6 @@ import torch
 from pydantic import Field
 
 from juicer.config import StrictConfig
-from juicer.errors import InvalidCheckpoint
 from juicer.policy.config import FeatureSpec
 from juicer.policy.encoders.estimated.config import EstimatedConfig
 from juicer.policy.encoders.estimated.estimator import Estimator
@@ -46,8 +45,8 @@ def save_estimator(folder: Path, estimator: Estimator, task: str) -> None:
     write_weights(folder / WEIGHTS_FILE, {name: value.cpu() for name, value in estimator.state_dict().items()})
 
 
-def load_estimator(folder: Path) -> tuple[str, Estimator]:
-    """The task and the estimator of a folder, which anybody may have written.
+def load_estimator(folder: Path) -> Estimator:
+    """The estimator of a folder, which anybody may have written.
 
     Raises:
         InvalidCheckpoint: If a file is missing, damaged, of a schema this version cannot read, or not what the
@@ -64,4 +63,4 @@ def load_estimator(folder: Path) -> tuple[str, Estimator]:
     with torch.random.fork_rng(devices=[]):
         estimator = build()
     estimator.load_state_dict(weights)
-    return metadata.task, estimator.eval().requires_grad_(False)
+    return estimator.eval().requires_grad_(False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Self
 
 from torch import Tensor, nn
@@ -39,6 +39,28 @@ class EstimatedEncoder(ObservationEncoder):
     def lessons(self) -> tuple[ArraySpec, ...]:
         """Proprioception and true poses; no image."""
         return self.features.observations
+
+    def take_over(self, learned: Sequence[nn.Module]) -> None:
+        """Take the estimator of every task.
+
+        Raises:
+            ConfigError: If one of them is missing.
+        """
+        for task, place in zip(self.tasks, self.estimators, strict=True):
+            assert isinstance(place, Estimator)
+            found = [each for each in learned if isinstance(each, Estimator) and each.is_like(place)]
+            if not found:
+                raise ConfigError(
+                    f"the policy estimates the poses of {task} from images, and no estimator of this configuration and "
+                    "task was given; make one by the stage 'estimate', or run the whole loop"
+                )
+            place.load_state_dict(found[-1].state_dict())
+
+    def train(self, mode: bool = True) -> Self:
+        """Estimators learn nothing more, and keep the statistics of a batch normalisation."""
+        super().train(mode)
+        self.estimators.eval()
+        return self
 
     def fit(self, observations: Mapping[str, Tensor]) -> None:
         """Take the limits of every true feature."""

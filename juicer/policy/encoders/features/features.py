@@ -83,9 +83,9 @@ class SeenPair(NamedTuple):
     """What features tell of the pair that is shown first.
 
     Attributes:
-        offsets_m: Of the first part from the gripper, of the second from the gripper, and of the second from its target,
-            each in the frame of what it is seen from ``(..., 3, 3)`` [m].
-        axes: The y axes of the same parts in the same frames ``(..., 3, 3)``.
+        offsets_m: Where the first part is as seen from the gripper, the second from there, and the second from its
+            target ``(..., 3, 3)`` [m].
+        axes: Their y axes, as seen from there ``(..., 3, 3)``.
     """
 
     offsets_m: Tensor
@@ -94,13 +94,13 @@ class SeenPair(NamedTuple):
 
 def read_pair(features: Tensor, config: FeaturesConfig) -> SeenPair:
     """Read features ``(..., F)`` back; each coordinate of an offset from the finest copy that does not saturate."""
-    numbers = features[..., PROPRIOCEPTION_SIZE:]
+    numbers, shape = features[..., PROPRIOCEPTION_SIZE:], features.shape[:-1]
     # Of five poses, the last three; each is an offset and a rotation.
-    poses = numbers[..., 18:45].unflatten(-1, (3, 9))
+    poses = numbers[..., 18:45].reshape(*shape, 3, 9)
     offsets = poses[..., :3]
     for number, scale_m in sorted(enumerate(config.fine_scales_m), key=lambda each: -each[1]):
         start = 48 + 12 * number
-        copy = numbers[..., start : start + 9].unflatten(-1, (3, 3))
+        copy = numbers[..., start : start + 9].reshape(*shape, 3, 3)
         offsets = torch.where(copy.abs() < _SATURATED, copy.clamp(-_SATURATED, _SATURATED).atanh() * scale_m, offsets)
     return SeenPair(offsets, rot6d_to_matrix(poses[..., 3:])[..., :, 1])
 

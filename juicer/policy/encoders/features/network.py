@@ -60,7 +60,7 @@ class FeatureEncoder(ObservationEncoder):
         return self.scaled(observations, self._true)
 
     def scaled(self, observations: Mapping[str, Tensor], features_of: FeaturesOf) -> Tensor:
-        """The same, of features from wherever: a function gives those of a task, by its number, and its observations."""
+        """The same of features that a function yields of a task, by its number, and observations of it."""
         proprioception = observations["proprioception"]
         state = proprioception.new_zeros(*proprioception.shape[:-1], self.token_size[1])
         for normalizer, features, rows in self._of_each_task(observations, features_of):
