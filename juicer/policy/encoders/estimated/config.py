@@ -27,7 +27,8 @@ class EstimatorConfig(StrictConfig):
                 height=64,
             ),
             "gaze": View(camera="front", crop=GazeCrop()),
-            "wrist": View(camera="wrist", supersampling=2),
+            # Its lowest seventh shows nothing but the hand.
+            "wrist": View(camera="wrist", crop=StaticCrop(bottom=0.86), supersampling=2),
         },
         min_length=1,
         max_length=MOST_VIEWS,

@@ -42,7 +42,9 @@ def save_estimator(folder: Path, estimator: Estimator, task: str) -> None:
     """
     metadata = EstimatorMetadata(encoder=estimator.config, task=task, spec=estimator.spec)
     (folder / ESTIMATOR_FILE).write_text(metadata.model_dump_json(indent=2) + "\n")
-    write_weights(folder / WEIGHTS_FILE, {name: value.cpu() for name, value in estimator.state_dict().items()})
+    # Where it has learned, its weights may lie in memory as is quickest there.
+    weights = {name: value.cpu().contiguous() for name, value in estimator.state_dict().items()}
+    write_weights(folder / WEIGHTS_FILE, weights)
 
 
 def load_estimator(folder: Path) -> Estimator:

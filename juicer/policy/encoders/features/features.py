@@ -7,6 +7,7 @@ tanh(x / scale). They are functions of the observed poses and nothing more.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -21,7 +22,7 @@ from juicer.policy.rotations import matrix_to_rot6d, quat_to_matrix, rot6d_to_ma
 from juicer.policy.tasks import size_of_part_poses
 
 _SATURATED = 0.85
-"""Of a copy, from which on the next coarser one tells more."""
+"""From where on a coarser copy tells more."""
 
 
 class _BatchedPose(NamedTuple):
@@ -93,15 +94,16 @@ class SeenPair(NamedTuple):
 
 
 def read_pair(features: Tensor, config: FeaturesConfig) -> SeenPair:
-    """Read features ``(..., F)`` back; each coordinate of an offset from the finest copy that does not saturate."""
+    """Read features ``(..., F)`` back, each coordinate of an offset from the finest copy that does not saturate there."""
     numbers, shape = features[..., PROPRIOCEPTION_SIZE:], features.shape[:-1]
     # Of five poses, the last three; each is an offset and a rotation.
     poses = numbers[..., 18:45].reshape(*shape, 3, 9)
     offsets = poses[..., :3]
     for number, scale_m in sorted(enumerate(config.fine_scales_m), key=lambda each: -each[1]):
         start = 48 + 12 * number
-        copy = numbers[..., start : start + 9].reshape(*shape, 3, 3)
-        offsets = torch.where(copy.abs() < _SATURATED, copy.clamp(-_SATURATED, _SATURATED).atanh() * scale_m, offsets)
+        copy = numbers[..., start : start + 9].reshape(*shape, 3, 3).clamp(-_SATURATED, _SATURATED)
+        is_told = offsets.abs() < scale_m * math.atanh(_SATURATED)
+        offsets = torch.where(is_told, copy.atanh() * scale_m, offsets)
     return SeenPair(offsets, rot6d_to_matrix(poses[..., 3:])[..., :, 1])
 
 

@@ -43,12 +43,11 @@ class FeatureEncoder(ObservationEncoder):
         """Take the limits of every feature, over the tasks that share a normaliser and have the feature."""
         limits: dict[Normalizer, list[tuple[Tensor, Tensor]]] = {}
         for normalizer, features, _ in self._of_each_task(observations, self._true):
-            if len(features):
-                rows = features.reshape(-1, features.shape[-1])
-                absent = (0, len(normalizer.offset) - rows.shape[-1])
-                low, high = rows.amin(dim=0), rows.amax(dim=0)
-                own = functional.pad(low, absent, value=torch.inf), functional.pad(high, absent, value=-torch.inf)
-                limits.setdefault(normalizer, []).append(own)
+            rows = features.reshape(-1, features.shape[-1])
+            absent = (0, len(normalizer.offset) - rows.shape[-1])
+            low, high = rows.amin(dim=0), rows.amax(dim=0)
+            own = functional.pad(low, absent, value=torch.inf), functional.pad(high, absent, value=-torch.inf)
+            limits.setdefault(normalizer, []).append(own)
         for normalizer, found in limits.items():
             low = torch.stack([low for low, _ in found]).amin(dim=0)
             high = torch.stack([high for _, high in found]).amax(dim=0)
@@ -79,10 +78,12 @@ class FeatureEncoder(ObservationEncoder):
     def _of_each_task(
         self, observations: Mapping[str, Tensor], features_of: FeaturesOf
     ) -> Iterator[tuple[Normalizer, Tensor, Any]]:
-        """For every task its normaliser, the features of its rows, and where these rows are."""
+        """For every task that is there its normaliser, the features of its rows, and where these rows are."""
         for task in range(len(self.specs)):
             normalizer = self.normalizers[task % len(self.normalizers)]
             assert isinstance(normalizer, Normalizer)
             rows = ... if len(self.specs) == 1 else observations[TASK_KEY][..., 0] == task
+            if rows is not ... and not bool(rows.any()):
+                continue
             own = {name: values[rows] for name, values in observations.items() if name != TASK_KEY}
             yield normalizer, features_of(task, own), rows
