@@ -9,17 +9,20 @@ from pathlib import Path
 from flows.conditions import Condition
 from flows.config import RunConfig
 from flows.loop_config import LoopConfig
+from juicer.artifacts.manifest import STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.demonstration.log import SUFFIX
 from juicer.errors import ArtifactNotFound, ConfigError
 from juicer.policy.config import PolicyConfig
 from juicer.policy.encoders.estimated.config import EstimatedConfig
 from juicer.text import printable
+from juicer.views import View
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import collect
 from stages.dataset import dataset
 from stages.estimate import EstimateConfig, estimate
+from stages.encode import EncodeConfig, encode
 from stages.evaluate import evaluate
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
@@ -36,11 +39,12 @@ class ModelOutcome:
 
     Attributes:
         condition: Name of its condition.
-        title: What people read instead.
+        title: What people read instead; if the policy does not see states, it says what it sees.
         seed: Its seed.
         checkpoint: The last one trained.
         evaluation: How it did.
         finding: Why it learned from less than it should, as a sentence.
+        observes: What it sees, and what it was taught with beside; empty if that is not known.
     """
 
     condition: str
@@ -49,6 +53,7 @@ class ModelOutcome:
     checkpoint: ArtifactRef
     evaluation: ArtifactRef
     finding: str = ""
+    observes: str = ""
 
 
 _Selected = tuple[ArtifactRef, ArtifactRef]
@@ -94,7 +99,10 @@ def run_model(session: Session, config: RunConfig, name: str, seed: int) -> Mode
         checkpoint = _train(session, config, config.final_training(condition, seed), [data])
         findings = [*data.findings, *_findings(session, checkpoint)]
     evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluation)
-    return ModelOutcome(name, condition.title, seed, checkpoint, evaluation, "; ".join(findings))
+    findings += _findings(session, evaluation)
+    observes = _observes(session, evaluation)
+    title = condition.title if observes in ("", STATE) else f"{condition.title} ({observes})"
+    return ModelOutcome(name, title, seed, checkpoint, evaluation, "; ".join(findings), observes)
 
 
 def _train_jointly(
@@ -121,15 +129,22 @@ def _train(session: Session, config: LoopConfig, training: TrainConfig, gathered
         session,
         episodes=episodes,
         selections=tuple(selection for _, selection in selected),
-        columns=tuple(
-            render(session, episodes=ref, config=RenderConfig(view=view))
-            for ref in episodes
-            for view in training.policy.learned_views
-        ),
+        columns=tuple(column for ref in episodes for column in _columns(session, training.policy, ref)),
         config=config.dataset,
     )
     estimators = tuple(ref for data in gathered for ref in _estimators(data, training.policy))
     return train(session, dataset=mixed, estimators=estimators, config=training)
+
+
+def _columns(session: Session, policy: PolicyConfig, episodes: ArtifactRef) -> Iterator[ArtifactRef]:
+    """What a policy learns from beside the arrays of the episodes: images, and features of such."""
+
+    def images(views: Iterable[View]) -> tuple[ArtifactRef, ...]:
+        return tuple(render(session, episodes=episodes, config=RenderConfig(view=view)) for view in views)
+
+    yield from images(policy.learned_views)
+    for part in policy.fixed_parts:
+        yield encode(session, episodes=episodes, images=images(part.views_seen), config=EncodeConfig(encoder=part))
 
 
 def _gather(session: Session, config: LoopConfig, condition: Condition, seed: int) -> _Data:
@@ -159,6 +174,14 @@ def _findings(session: Session, ref: ArtifactRef) -> tuple[str, ...]:
     except ArtifactNotFound:
         return ()
     return (finding,) if finding else ()
+
+
+def _observes(session: Session, evaluation: ArtifactRef) -> str:
+    """What the policy saw; empty in a run in thought."""
+    try:
+        return session.store.manifest(evaluation).observes
+    except ArtifactNotFound:
+        return ""
 
 
 def get_demonstrations(session: Session, config: LoopConfig) -> ArtifactRef:

@@ -97,6 +97,10 @@ class InvalidCheckpoint(JuicerError):
     """A checkpoint folder is incomplete, damaged or of another format."""
 
 
+class UnusableWeights(JuicerError):
+    """A file of pretrained weights is missing, or is not what it should be."""
+
+
 class TrainingFailed(JuicerError):
     """Training cannot start from its data, or its loss is no longer a number."""
 

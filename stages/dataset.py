@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 
 from juicer.artifacts.ref import ArtifactRef
 from juicer.errors import ArtifactError
-from juicer.storage.columns import ColumnReader
+from juicer.storage.columns import DRAWN_BY, ColumnReader
 from juicer.storage.dataset import write_dataset
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.selections import read_selection
@@ -36,7 +37,8 @@ def dataset(
     for ref in selections:
         for row in read_selection(context.store.open(ref, "selection")):
             judged[row.episode_id] = judged.get(row.episode_id, True) and row.keep
-    own = _columns_of(context, episodes, columns)
+    readers = {ref: ColumnReader(context.store.open(ref, "columns")) for ref in columns}
+    own = _columns_of(episodes, readers)
     given = [_given(context, ref, own[ref.id]) for ref in episodes]
     rows = mix(given, judged, config)
     write_dataset(context.draft.path, rows)
@@ -50,10 +52,12 @@ def dataset(
         "tasks": sorted({row.task for row in rows}),
         "sources": dict(Counter(row.source.value for row in rows)),
     }
+    if drawn_by := sorted({reader.facts[DRAWN_BY] for reader in readers.values() if DRAWN_BY in reader.facts}):
+        context.draft.summary[DRAWN_BY] = drawn_by
 
 
 def _columns_of(
-    context: StageContext, episodes: tuple[ArtifactRef, ...], columns: tuple[ArtifactRef, ...]
+    episodes: tuple[ArtifactRef, ...], columns: Mapping[ArtifactRef, ColumnReader]
 ) -> dict[str, list[ArtifactRef]]:
     """Columns of each artifact of episodes, by its id.
 
@@ -61,13 +65,12 @@ def _columns_of(
         ArtifactError: If columns belong to none of them.
     """
     own: dict[str, list[ArtifactRef]] = {ref.id: [] for ref in episodes}
-    for ref in columns:
-        artifact = ColumnReader(context.store.open(ref, "columns")).artifact
-        if artifact not in own:
+    for ref, reader in columns.items():
+        if reader.artifact not in own:
             raise ArtifactError(
-                f"{ref} are columns of episodes/{printable(artifact)}, which is none of the episodes given"
+                f"{ref} are columns of episodes/{printable(reader.artifact)}, which is none of the episodes given"
             )
-        own[artifact].append(ref)
+        own[reader.artifact].append(ref)
     return own
 
 

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from pydantic import Field
 
-from juicer.artifacts.manifest import HEADLINE, LABEL
+from juicer.artifacts.manifest import FINDING, HEADLINE, LABEL, OBSERVES, STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.episode import Episode, Outcome
 from juicer.evaluation import milestone_counts, wilson_interval
 from juicer.policy_rollout import RolloutConfig, RolloutSection, roll_out
 from juicer.seed_ranges import Purpose, claim
+from juicer.sim.env import gl_name
+from juicer.storage.columns import DRAWN_BY
 from juicer.storage.episodes import write_episodes
 from juicer.storage.evaluations import EXAMPLES, EvaluationRow, write_evaluation
 from juicer.tasks.registry import get_task
+from juicer.text import printable
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
 
@@ -56,15 +59,28 @@ def evaluate(context: StageContext, *, checkpoint: ArtifactRef, config: Evaluate
     examples.mkdir()
     write_episodes(examples, _examples(episodes, rows), {"source": "rollout", "policy": checkpoint.id})
     write_evaluation(context.draft.path, rows)
+    policy = context.store.manifest(checkpoint)
+    context.draft.summary |= {OBSERVES: policy.observes} if policy.observes else {}
     context.draft.summary |= facts(rows, get_task(config.task).milestones)
     context.draft.summary |= _texts(context.draft.summary)
+    if finding := _stranger(policy.summary.get(DRAWN_BY, [])):
+        context.draft.summary[FINDING] = finding
 
 
 def _texts(summary: Mapping[str, Any]) -> dict[str, str]:
-    """A rate is not told without its interval."""
+    """A rate is not told without its interval, nor without what the policy saw."""
     rate, low, high = (summary[name] for name in ("success_rate", "interval_low", "interval_high"))
     found = f"{rate:.0%} of {summary['episodes']} episodes"
-    return {HEADLINE: f"success {found} ({low:.0%} to {high:.0%})", LABEL: found}
+    observes = summary.get(OBSERVES, STATE)
+    seen = "" if observes == STATE else f", from {observes}"
+    return {HEADLINE: f"success {found} ({low:.0%} to {high:.0%}){seen}", LABEL: f"{found}{seen}"}
+
+
+def _stranger(drawn_by: Sequence[str]) -> str:
+    """A sentence if the policy acted on images that another renderer drew than those it learned from."""
+    if not drawn_by or (present := gl_name()) in drawn_by:
+        return ""
+    return f"it acted on images drawn by {present}, and had learned from those of {printable(' and '.join(drawn_by))}"
 
 
 def facts(rows: list[EvaluationRow], milestones: tuple[str, ...]) -> dict[str, object]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from juicer.artifacts.manifest import OBSERVES, STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.policy.replay import ReplayPolicy
@@ -29,6 +30,7 @@ def memorise(context: StageContext, *, episodes: ArtifactRef, config: MemoriseCo
     policy.save(context.draft.path, task.name)
     context.draft.summary |= {
         "tasks": [task.name],
+        OBSERVES: STATE,
         "episodes": {"teleop": len(reader)},
         "timesteps": {"teleop": int(reader.lengths.sum())},
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
-from juicer.storage.columns import write_columns
+from juicer.storage.columns import DRAWN_BY, write_columns
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.room import require_room
 from juicer.views import View
@@ -40,11 +40,11 @@ def render(context: StageContext, *, episodes: ArtifactRef, config: RenderConfig
             ({view.name: images} for images in drawing.episodes(context.progress)),
             artifact=episodes.id,
             episode_ends=reader.episode_ends,
-            facts={"view": view.model_dump_json(), "drawn_by": drawing.gl},
+            facts={"view": view.model_dump_json(), DRAWN_BY: drawing.gl},
         )
     context.draft.summary |= {
         "images": int(reader.lengths.sum()),
         "view": str(view),
         "array": view.name,
-        "drawn_by": drawing.gl,
+        DRAWN_BY: drawing.gl,
     }

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from juicer.artifacts.manifest import FINDING
+from juicer.artifacts.manifest import FINDING, OBSERVES
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from juicer.config import Seed, StrictConfig
+from juicer.config import Seed, StrictConfig, models_in
 from juicer.policy.config import PolicyConfig
 from juicer.policy.feature_spec import feature_spec
+from juicer.policy.members import BackboneConfig
+from juicer.storage.columns import DRAWN_BY
 from juicer.storage.curves import CurveWriter
 from juicer.storage.dataset import DatasetRow, grouped, read_dataset
 from juicer.storage.episodes import EpisodeReader
 from juicer.tasks.registry import TASK_NAMES
+from juicer.text import printable
 from juicer.training.config import TrainingConfig
 from juicer.training.images import Chosen, unpack_images
 from juicer.training.reading import read_episodes
@@ -33,6 +36,17 @@ class TrainConfig(StrictConfig):
     policy: PolicyConfig = PolicyConfig()
     training: TrainingConfig = TrainingConfig()
     seed: Seed = Field(default=0, description="root of initial weights, split, order and noise")
+
+    @model_validator(mode="after")
+    def _frozen_is_not_random(self) -> Self:
+        for part in self.policy.fixed_parts:
+            for model in models_in(part):
+                if isinstance(model, BackboneConfig) and model.weights is None:
+                    raise ValueError(
+                        f"a frozen backbone keeps the weights that it starts from: say under weights of {model.kind} "
+                        "which they are, or train it (frozen: false)"
+                    )
+        return self
 
 
 @stage(
@@ -74,6 +88,7 @@ def train(
         images=unpack_images(groups, encoders.lesson_images, context.draft.scratch / "images", context.progress),
         scratch=context.draft.scratch / "state",
         device=context.machine.device,
+        weights=context.machine.weights,
         progress=context.progress,
         metrics=curves,
     )
@@ -81,19 +96,29 @@ def train(
     curves.finish(context.draft.path)
     context.draft.summary |= {
         "tasks": list(tasks),
-        "observes": encoders.account,
+        OBSERVES: encoders.account,
         "steps": config.training.steps,
         **_sizes(trained.use),
         **trained.facts,
     }
-    if trained.losses:
-        context.draft.summary[FINDING] = "; ".join(trained.losses)
+    drawn_by = context.store.manifest(dataset).summary.get(DRAWN_BY, []) if encoders.sees_images else []
+    if drawn_by:
+        context.draft.summary[DRAWN_BY] = drawn_by
+    findings = [*trained.losses, *_mixture(drawn_by)]
+    if findings:
+        context.draft.summary[FINDING] = "; ".join(findings)
 
 
 def _open(store: ArtifactStore, rows: Sequence[DatasetRow]) -> EpisodeReader:
     """The artifact that some rows of a dataset are of."""
     columns = [store.open(ArtifactRef("columns", each)) for each in rows[0].columns]
     return EpisodeReader(store.open(ArtifactRef("episodes", rows[0].episodes)), columns)
+
+
+def _mixture(drawn_by: Sequence[str]) -> list[str]:
+    """A sentence if images come from several renderers."""
+    several = " and others by ".join(map(printable, drawn_by))
+    return [f"some of its images were drawn by {several}; draw all of them by one"] if len(drawn_by) > 1 else []
 
 
 def _sizes(use: Mapping[str, SourceUse]) -> dict[str, dict[str, int]]:

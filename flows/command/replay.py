@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from juicer.artifacts.ref import ArtifactRef
     from juicer.artifacts.store import ArtifactStore
     from juicer.episode import Episode
-    from juicer.imaging.video import Image, View
+    from juicer.imaging.video import FilmFormat, Image
 
 BOTH = "both"
 STRIP_IMAGES = 6
@@ -53,7 +53,7 @@ def replay_episode(
 
     settings = read_settings()
     store = open_store(settings)
-    view = _view(camera, size)
+    film = _film(camera, size)
     ref = store.resolve(text)
     index = _number(store, ref, episode_name)
     video = video or Path(f"{ref.id}-{index}.mp4")
@@ -63,16 +63,16 @@ def replay_episode(
         chosen = _choose(store, ref, index, run_context.board, settings.device)
         episode = chosen.episode
         steps = every(episode, stride)
-        captioner = _captioner(chosen, view)
+        captioner = _captioner(chosen, film)
         progress = run_context.board.started("replay", video.name)
 
         def images() -> Iterator[Image]:
-            for done, image in enumerate(captioner.captioned(draw(episode, steps, view)), start=1):
+            for done, image in enumerate(captioner.captioned(draw(episode, steps, film)), start=1):
                 progress(done, len(steps))
                 yield image
 
         frames = write_video(video, images(), rate)
-        strip = _write_strip(episode, view, video)
+        strip = _write_strip(episode, film, video)
     _report(chosen, video, strip, len(steps) - frames, as_json)
 
 
@@ -93,14 +93,14 @@ def _number(store: ArtifactStore, ref: ArtifactRef, name: str) -> int:
     return found[0]
 
 
-def _view(camera: str, size: str) -> View:
-    from juicer.imaging.video import View
+def _film(camera: str, size: str) -> FilmFormat:
+    from juicer.imaging.video import FilmFormat
     from juicer.views import CAMERAS
 
     parts = re.fullmatch(r"([0-9]{1,5})x([0-9]{1,5})", size)
     if parts is None:
         raise ConfigError(f"size '{size}' must be the width and height of a camera's image, e.g. 480x360")
-    return View(CAMERAS if camera == BOTH else (camera,), int(parts[1]), int(parts[2]))
+    return FilmFormat(CAMERAS if camera == BOTH else (camera,), int(parts[1]), int(parts[2]))
 
 
 def _check_place(video: Path) -> None:
@@ -149,7 +149,7 @@ def _pace(speed: float) -> tuple[int, Fraction]:
     return stride, steps_a_second / stride
 
 
-def _captioner(chosen: Chosen, view: View) -> Any:
+def _captioner(chosen: Chosen, film: FilmFormat) -> Any:
     from juicer.imaging.captions import Captioner, describe, ending
 
     record = chosen.episode.record
@@ -157,14 +157,14 @@ def _captioner(chosen: Chosen, view: View) -> Any:
     if chosen.evaluated and chosen.evaluated.differences:
         row = chosen.evaluated.row
         title.append(f"the evaluation recorded {row.outcome.value} after {row.length} steps")
-    return Captioner(chosen.episode, view, title)
+    return Captioner(chosen.episode, film, title)
 
 
-def _write_strip(episode: Episode, view: View, video: Path) -> Path:
+def _write_strip(episode: Episode, film: FilmFormat, video: Path) -> Path:
     from juicer.imaging.captions import Captioner
-    from juicer.imaging.video import View, draw, evenly_spaced, write_strip
+    from juicer.imaging.video import FilmFormat, draw, evenly_spaced, write_strip
 
-    small = View(view.cameras[:1], *STRIP_SIZE)
+    small = FilmFormat(film.cameras[:1], *STRIP_SIZE)
     strip = video.with_suffix(".png")
     frames = draw(episode, evenly_spaced(episode, STRIP_IMAGES), small)
     write_strip(strip, list(Captioner(episode, small).captioned(frames)))

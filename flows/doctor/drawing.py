@@ -1,4 +1,4 @@
-"""Whether MuJoCo can draw: images of episodes need OpenGL, the rest of juicer does not."""
+"""Whether images of episodes can be drawn here: they need OpenGL, the rest of juicer does not."""
 
 from __future__ import annotations
 
@@ -8,16 +8,14 @@ from collections.abc import Iterator
 from flows.doctor.program import ProgramFailed, run_program
 from flows.doctor.verdict import Verdict, ok, problem, warning
 from flows.running.settings import Settings
+from juicer.imaging.gl import gl_platform
 
 _DRAW = """
-import mujoco
-scene = "<mujoco><worldbody><light pos='0 0 3'/><geom size='.5' rgba='1 0 0 1'/></worldbody></mujoco>"
-model = mujoco.MjModel.from_xml_string(scene)
-data = mujoco.MjData(model)
-mujoco.mj_forward(model, data)
-with mujoco.Renderer(model, 48, 64) as renderer:
-    renderer.update_scene(data)
-    print(int(renderer.render().max()))
+from juicer.sim.env import AssemblyEnv
+from juicer.views import View
+with AssemblyEnv() as env:
+    env.reset(seed=0)
+    print(int(env.render_view(View(camera="front")).max()))
 """
 _PLATFORMS = ("egl", "osmesa", "glfw")
 _REMEDY = (
@@ -32,7 +30,7 @@ def check_drawing(settings: Settings) -> Iterator[Verdict]:
     if chosen.lower() not in ("", *_PLATFORMS):
         yield problem(f"MUJOCO_GL is '{chosen}', which MuJoCo does not know", f"set it to one of {_PLATFORMS}")
         return
-    through = f"through MUJOCO_GL={chosen}" if chosen else "through the display"
+    through = f"through MUJOCO_GL={chosen}" if chosen else f"through {gl_platform() or 'the display'}"
     try:
         brightest = int(run_program(_DRAW).split()[-1])
     except ProgramFailed as failure:

@@ -13,6 +13,7 @@ from flows.config import RunConfig
 from flows.loop import ModelOutcome, run_model
 from flows.running.settings import read_settings
 from flows.running.tracking import Tracking
+from juicer.artifacts.manifest import STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.evaluation import ConditionResult
@@ -22,6 +23,10 @@ from stages.runtime.context import Record
 from stages.runtime.session import Session
 
 POLL_SECONDS = 0.2
+
+_POSES = "poses of the robot and the parts, no images"
+_SEEN = {"": _POSES, STATE: _POSES, "images": "images of cameras and the robot's own readings, no poses of parts"}
+"""What policies see, in more words."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,7 @@ class RunOutcome:
                     "seed": model.seed,
                     "checkpoint": str(model.checkpoint),
                     "evaluation": str(model.evaluation),
+                    "observes": model.observes or None,
                     "finding": model.finding or None,
                 }
                 for model in self.models
@@ -144,18 +150,19 @@ def write_report(session: Session, config: RunConfig, outcome: RunOutcome) -> Ar
         task=config.task,
         rows=rows,
         findings=outcome.findings,
-        facts=_facts(config),
+        facts=_facts(config, outcome.models),
         configuration=config.model_dump(mode="json"),
         links=_links(),
     )
     return report(session.for_model("", session.record), evaluations=evaluations, config=report_config)
 
 
-def _facts(config: RunConfig) -> Mapping[str, str]:
+def _facts(config: RunConfig, models: Sequence[ModelOutcome]) -> Mapping[str, str]:
+    seen = dict.fromkeys(_SEEN.get(model.observes, model.observes) for model in models)
     return {
         "Task": config.task,
         "Randomness": config.randomness.value,
-        "The policies see": "poses of the robot and the parts, no images",
+        "The policies see": "; or ".join(seen),
         "Seeds": ", ".join(map(str, config.seeds)),
         "Evaluation episodes a model": str(config.evaluate.episodes),
     }

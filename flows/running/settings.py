@@ -16,6 +16,7 @@ from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from juicer.errors import ConfigError, did_you_mean
+from juicer.policy.pretrained.files import DEFAULT_FOLDER
 from juicer.problems import first_problem
 from juicer.text import printable
 from stages.runtime.machine import Machine
@@ -40,6 +41,7 @@ class Settings(BaseSettings):
         num_envs: Simulated environments that a rollout steps side by side.
         device: Torch device that policies are trained on and act on: ``cpu``, ``cuda``, or ``cuda:1`` for the second;
             of several, ``cuda:0,cuda:1``, each takes a training of its own.
+        weights: Folder in which files of pretrained weights are looked for; see `juicer doctor --encoders`.
         allowed_hosts: Names, besides this machine's own, by which browsers and clients may reach servers that juicer
             runs, such as ``prefect.example.org`` or ``127.0.0.1:14200``; separated by commas.
         startup_seconds: How long a Prefect or MLflow server may take to answer after its start.
@@ -54,10 +56,11 @@ class Settings(BaseSettings):
     runner: str = "threads"
     num_envs: int = Field(default=16, ge=1, le=4096)
     device: str = "cpu"
+    weights: Path = DEFAULT_FOLDER
     allowed_hosts: str = ""
     startup_seconds: int = Field(default=120, ge=1, le=86_400)
 
-    @field_validator("data", "store", "tracking_uri", "allowed_hosts")
+    @field_validator("data", "store", "weights", "tracking_uri", "allowed_hosts")
     @classmethod
     def _is_plain_text(cls, value: Path | str) -> Path | str:
         if len(str(value)) > LONGEST_PLACE or printable(value, LONGEST_PLACE) != str(value):
@@ -82,7 +85,7 @@ class Settings(BaseSettings):
             raise ValueError("must be cpu, cuda, or cuda:0,cuda:1 and so on for several")
         return value
 
-    @field_validator("data", "store")
+    @field_validator("data", "store", "weights")
     @classmethod
     def _has_a_home(cls, value: Path | str) -> Path | str:
         try:
@@ -109,7 +112,8 @@ class Settings(BaseSettings):
     @property
     def machine(self) -> Machine:
         """How much of this machine a stage may use."""
-        return Machine(self.workers, self.num_envs, self.devices)
+        weights = self.weights.expanduser().absolute()
+        return Machine(self.workers, self.num_envs, self.devices, weights=weights)
 
     @property
     def runner_kind(self) -> Literal["threads", "dask", "ray"]:

@@ -51,7 +51,8 @@ class Tracking:
     def finish(self, outcome: ModelOutcome) -> None:
         """A model is done, whatever becomes of the others."""
         model = self._describe(outcome.condition, outcome.seed)
-        model = model.model_copy(update={"evaluation": str(outcome.evaluation), "finding": outcome.finding})
+        told = {"title": outcome.title, "finding": outcome.finding, "evaluation": str(outcome.evaluation)}
+        model = model.model_copy(update=told)
         self._finished.append(model)
         self._recorder.note(model)
 

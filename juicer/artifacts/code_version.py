@@ -18,6 +18,8 @@ PLUMBING = (
     "juicer.artifacts",
     "juicer.config",
     "juicer.errors",
+    "juicer.policy.pretrained.files",
+    "juicer.policy.pretrained.known",
     "juicer.problems",
     "juicer.progress",
     "juicer.reading",

@@ -26,6 +26,9 @@ SCHEMA_VERSION = 1
 MANIFEST_NAME = "manifest.json"
 FINDING = "finding"
 """Key of a summary: in a sentence, why an artifact holds nothing, or less than it seems to."""
+OBSERVES, STATE = "observes", "state"
+"""Key of the summary of a checkpoint or an evaluation: what the policy sees, and what it was taught with beside; and
+its value where that is the poses of all parts."""
 HEADLINE, LABEL = "headline", "label"
 """Keys of a summary: what is worth saying of an artifact on one line; what it is, in two or three words."""
 
@@ -96,6 +99,11 @@ class Manifest:
     def finding(self) -> str:
         """Why the artifact holds nothing, or less than it seems to; empty if there is nothing of the kind to say."""
         return str(self.summary.get(FINDING, ""))
+
+    @property
+    def observes(self) -> str:
+        """What the policy sees, and what it was taught with beside; empty if the artifact does not say."""
+        return str(self.summary.get(OBSERVES, ""))
 
     @property
     def headline(self) -> str:

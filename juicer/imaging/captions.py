@@ -10,7 +10,7 @@ import PIL.Image
 from PIL import ImageDraw, ImageFont
 
 from juicer.episode import Episode, EpisodeRecord, Outcome
-from juicer.imaging.video import Frame, Image, View
+from juicer.imaging.video import FilmFormat, Frame, Image
 from juicer.sim.env import STEP_S
 from juicer.text import printable
 
@@ -58,25 +58,25 @@ class Captioner:
 
     Attributes:
         episode: Whose frames they are.
-        view: How they were drawn.
+        film: How they were drawn.
         title: Items of the title; none leaves it out.
         text_px: Height of the letters; chosen by the size of the images if left out.
     """
 
     episode: Episode
-    view: View
+    film: FilmFormat
     title: Sequence[str] = ()
     text_px: int | None = None
     _lines: list[str] = field(init=False)
 
     def __post_init__(self) -> None:
         """Choose letters, and break the title into lines."""
-        size = self.text_px or max(13, round(self.view.height / 20))
+        size = self.text_px or max(13, round(self.film.height / 20))
         self._small_px, self._large_px = size, round(1.3 * size)
         self._font = ImageFont.load_default(self._small_px)
         self._large = ImageFont.load_default(self._large_px)
         self._row = round(1.45 * size)
-        self._inner_width = len(self.view.cameras) * (self.view.width + GAP) - GAP
+        self._inner_width = len(self.film.cameras) * (self.film.width + GAP) - GAP
         self._margin = max(6, size // 2)
         self._lines = _broken([printable(item, _LONGEST) for item in self.title], self._font, self._room)
 
@@ -93,14 +93,14 @@ class Captioner:
         """The image of one frame."""
         titled = len(self._lines) * self._row
         header = titled + round(2.9 * self._row) + self._margin // 2
-        height = header + self.view.height
+        height = header + self.film.height
         canvas = PIL.Image.new("RGB", (self._inner_width + self._inner_width % 2, height + height % 2), _PAGE)
         pen = ImageDraw.Draw(canvas)
         for number, line in enumerate(self._lines):
             pen.text((self._margin, self._margin // 2 + number * self._row), line, _INK, self._font)
         self._tell(pen, frame.step, titled)
-        for place, (camera, image) in enumerate(zip(self.view.cameras, frame.images, strict=True)):
-            left = place * (self.view.width + GAP)
+        for place, (camera, image) in enumerate(zip(self.film.cameras, frame.images, strict=True)):
+            left = place * (self.film.width + GAP)
             canvas.paste(PIL.Image.fromarray(image), (left, header))
             self._label(pen, camera, left, header)
         return np.asarray(canvas)

@@ -8,27 +8,30 @@ from functools import cache
 from importlib import import_module
 from typing import Any
 
-import mujoco
-
 from juicer.errors import RenderingUnavailable
 from juicer.text import printable
 
 
-def gl_context_class() -> type[Any]:
-    """MuJoCo's class of OpenGL contexts: that of ``MUJOCO_GL``, or on Linux EGL, which needs no display.
+def gl_platform() -> str:
+    """That of ``MUJOCO_GL``, or on Linux ``egl``, which needs no display; empty for MuJoCo's own choice elsewhere.
 
     The variable is read when the first image is drawn. MuJoCo's own choice falls when MuJoCo is imported, which may
     be long before any code of ours runs.
+    """
+    chosen = os.environ.get("MUJOCO_GL", "").strip().lower()
+    return chosen or ("egl" if sys.platform == "linux" else "")
+
+
+def gl_context_class() -> type[Any]:
+    """MuJoCo's class of OpenGL contexts on that platform.
 
     Raises:
         ImportError: If the platform's libraries are not installed.
         AttributeError: If ``MUJOCO_GL`` turns drawing off.
     """
-    platform = os.environ.get("MUJOCO_GL", "").strip().lower()
-    if not platform and sys.platform == "linux":
-        platform = "egl"
-    chosen = import_module(f"mujoco.{platform}") if platform in ("egl", "osmesa") else mujoco
-    context: type[Any] = chosen.GLContext
+    platform = gl_platform()
+    module = import_module(f"mujoco.{platform}" if platform in ("egl", "osmesa") else "mujoco")
+    context: type[Any] = module.GLContext
     return context
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 from juicer.imaging.surfaces import SEGMENTS, Surface, ball, box, cone_wall, ridge
@@ -18,6 +19,8 @@ _INSIDE_SHADE, _THREAD_SHADE = 0.35, 0.6
 """Brightness of the inside of holes and of threads, so that both can be told from what is around them."""
 _LIFTED_M = 1e-4
 """A painted surface lies so far above the one it covers."""
+_LAYER_M = 5e-6
+"""Boxes of a part overlap; each is larger by this than the one before, so that it is decided which of them is seen."""
 
 Painted = tuple[Vector, Surface]
 
@@ -32,8 +35,8 @@ def painted_surfaces(part: PartSpec) -> tuple[Painted, ...]:
 
 def _surfaces(part: PartSpec) -> Iterator[Painted]:
     plain, inside, thread = part.rgb, _shaded(part.rgb, _INSIDE_SHADE), _shaded(part.rgb, _THREAD_SHADE)
-    for shape in part.boxes:
-        yield plain, box(shape)
+    for number, shape in enumerate(part.boxes):
+        yield plain, box(_grown(shape, number * _LAYER_M))
     for sphere in part.balls:
         if sphere.radius > _SMALLEST_BALL_M:
             yield plain, ball(sphere)
@@ -46,11 +49,18 @@ def _surfaces(part: PartSpec) -> Iterator[Painted]:
         yield inside, _hole(bore, part.boxes)
     for bead in part.threads:
         yield thread, ridge(bead)
+    for mark in part.marks:
+        yield mark.rgb, box(mark.patch)
 
 
 def _shaded(rgb: Vector, share: float) -> Vector:
     red, green, blue = (share * channel for channel in rgb)
     return red, green, blue
+
+
+def _grown(shape: Box, margin: float) -> Box:
+    x, y, z = (half + margin for half in shape.half_size)
+    return replace(shape, half_size=(x, y, z))
 
 
 def _shell(shell: Shell) -> Surface:

@@ -12,15 +12,15 @@ from juicer.errors import NothingLeft
 from juicer.imaging.processes import DrawingProcesses, Images, Scenes
 from juicer.progress import Progress, silent_progress
 from juicer.sim.sections import joint_positions
-from juicer.storage.columns import stored_bytes
+from juicer.storage.columns import CHUNK_STEPS, stored_bytes
 from juicer.storage.episodes import EpisodeReader
 from juicer.tasks.registry import get_task
 from juicer.views import View
 
 BATCH = 64
 """Steps that a process draws at a time."""
-SAMPLE = 16
-"""Steps that are drawn before all others, to know what they take on the disk."""
+SAMPLES = 4
+"""Chunks that are drawn before all others, to know what they take on the disk."""
 
 
 @contextmanager
@@ -56,10 +56,11 @@ class RecordedImages:
 
     def stored_bytes(self) -> float:
         """What all of them will take on a disk, as measured on a few."""
-        total = int(self._reader.lengths.sum())
-        chosen = np.unique(np.linspace(0, total - 1, SAMPLE).astype(int)).tolist()
-        few = self._processes.draw(self._scenes(slice(step, step + 1)) for step in chosen)
-        return stored_bytes(self._view.column, np.concatenate(list(few))) / len(chosen) * total
+        total = int(self._reader.episode_ends[-1])
+        starts = np.unique(np.linspace(0, max(0, total - CHUNK_STEPS), SAMPLES).astype(int)).tolist()
+        spans = [slice(start, min(start + CHUNK_STEPS, total)) for start in starts]
+        images = np.concatenate(list(self._processes.draw(map(self._scenes, spans))))
+        return stored_bytes(self._view.column, images) / len(images) * total
 
     def episodes(self, progress: Progress = silent_progress) -> Iterator[Images]:
         """Images ``(T, height, width, 3)`` of every episode, in order; progress counts steps.

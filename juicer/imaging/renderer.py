@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from juicer.errors import ConfigError, RenderingUnavailable, did_you_mean
 from juicer.imaging.cameras import Frustum
-from juicer.imaging.gl import gl_context_class
+from juicer.imaging.gl import gl_context_class, unavailable
 from juicer.imaging.look import Look
+from juicer.imaging.panda_mesh import has_panda_mesh
 from juicer.imaging.visual_model import visual_model
 from juicer.sim.arguments import is_whole, shown
 from juicer.views import CAMERAS, MAX_HEIGHT, MAX_WIDTH, View
@@ -166,7 +167,8 @@ class ViewRenderer:
             largest = f"{MAX_WIDTH}x{MAX_HEIGHT}"
             raise ConfigError(f"an image measures 1x1 to {largest} pixels, got {shown(width)}x{shown(height)}")
         width, height = int(width), int(height)
-        return self._draw(Look(is_film=True), qpos, camera, Frustum.of_image(width, height), width, height)
+        look = Look("mesh" if has_panda_mesh() else "primitives", is_film=True)
+        return self._draw(look, qpos, camera, Frustum.of_image(width, height), width, height)
 
     def _draw(
         self, look: Look, qpos: Positions, camera: str, frustum: Frustum, width: int, height: int, samples: int = 1
@@ -297,7 +299,7 @@ def _opened() -> Any:
         context = gl_context_class()(MAX_WIDTH, MAX_HEIGHT)
         context.make_current()
     except Exception as error:
-        raise _unavailable(error) from None
+        raise unavailable(error) from None
     return context
 
 
@@ -306,15 +308,7 @@ def _made(task_name: str, look: Look) -> _Canvas:
     try:
         return _Canvas(model, look)
     except Exception as error:
-        raise _unavailable(error) from None
-
-
-def _unavailable(error: Exception) -> RenderingUnavailable:
-    """Every OpenGL platform fails in its own way."""
-    return RenderingUnavailable(
-        f"no OpenGL platform can draw an image here ({type(error).__name__}: {error}); "
-        "set MUJOCO_GL=egl with libegl1 and libgl1-mesa-dri installed, or MUJOCO_GL=osmesa with libosmesa6"
-    )
+        raise unavailable(error) from None
 
 
 def _is_size(value: object, largest: int) -> bool:

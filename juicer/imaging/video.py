@@ -11,15 +11,12 @@ from pathlib import Path
 import av
 import numpy as np
 import PIL.Image
-from numpy.typing import NDArray
 
 from juicer.episode import Episode
 from juicer.errors import ConfigError, InvalidEpisode, JuicerError
+from juicer.imaging.renderer import Image as Image
 from juicer.sim.env import AssemblyEnv
 from juicer.views import CAMERAS, MAX_HEIGHT, MAX_WIDTH
-
-Image = NDArray[np.uint8]
-"""``(height, width, 3)``, RGB."""
 
 MIN_WIDTH, MIN_HEIGHT = 160, 120
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv")
@@ -27,7 +24,7 @@ VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv")
 
 
 @dataclass(frozen=True)
-class View:
+class FilmFormat:
     """What is shown of a scene.
 
     Attributes:
@@ -54,7 +51,7 @@ class View:
 
 @dataclass(frozen=True)
 class Frame:
-    """A step as every camera of a view saw it.
+    """A step as every camera of a film saw it.
 
     Attributes:
         step: The images show the state before the action of this step; the step after the last is the end.
@@ -65,7 +62,7 @@ class Frame:
     images: tuple[Image, ...]
 
 
-def draw(episode: Episode, steps: Iterable[int], view: View) -> Iterator[Frame]:
+def draw(episode: Episode, steps: Iterable[int], film: FilmFormat) -> Iterator[Frame]:
     """Frames of the given steps; those whose state is not finite or cannot be restored are left out.
 
     A simulation that diverged ends in such a state.
@@ -87,7 +84,7 @@ def draw(episode: Episode, steps: Iterable[int], view: View) -> Iterator[Frame]:
                     raise
                 continue  # the simulation had diverged there
             is_restorable = True
-            yield Frame(step, tuple(env.render_camera(camera, view.width, view.height) for camera in view.cameras))
+            yield Frame(step, tuple(env.render_camera(camera, film.width, film.height) for camera in film.cameras))
     finally:
         env.close()
 

@@ -10,31 +10,31 @@ import numpy as np
 from juicer.episode import Episode
 from juicer.errors import ConfigError
 from juicer.imaging.captions import Captioner, describe, ending
-from juicer.imaging.video import Image, View, draw, evenly_spaced, every, write_video
+from juicer.imaging.video import FilmFormat, Image, draw, evenly_spaced, every, write_video
 from juicer.sim.arguments import checked_count, is_whole, shown
 from juicer.sim.env import CONTROL_HZ
 
 
-def images(episode: Episode, steps: int | Iterable[int], view: View, *, captions: bool) -> list[Image]:
-    """An image a step, the view's cameras side by side; see :func:`juicer.api.images`."""
-    frames = draw(_checked(episode), _chosen(episode, steps), view)
+def images(episode: Episode, steps: int | Iterable[int], film: FilmFormat, *, captions: bool) -> list[Image]:
+    """An image a step, the film's cameras side by side; see :func:`juicer.api.images`."""
+    frames = draw(_checked(episode), _chosen(episode, steps), film)
     if captions:
-        return list(Captioner(episode, view).captioned(frames))
+        return list(Captioner(episode, film).captioned(frames))
     return [np.concatenate(frame.images, axis=1) for frame in frames]
 
 
-def video(path: Path, episode: Episode, view: View, speed: float) -> Path:
+def video(path: Path, episode: Episode, film: FilmFormat, speed: float) -> Path:
     """Write a video; see :func:`juicer.api.video`."""
     if not isinstance(speed, int | float) or not 0.1 <= speed <= 100:
         raise ConfigError(f"speed must be a number from 0.1 to 100, got {shown(speed)}")
     title = [*describe(_checked(episode).record), f"initial state {episode.record.seed}", ending(episode)]
-    frames = draw(episode, every(episode, 1), view)
-    write_video(path, Captioner(episode, view, title).captioned(frames), round(CONTROL_HZ * speed))
+    frames = draw(episode, every(episode, 1), film)
+    write_video(path, Captioner(episode, film, title).captioned(frames), round(CONTROL_HZ * speed))
     return path
 
 
-def view_of(camera: str | Sequence[str], width: int, height: int) -> View:
-    """A view from arguments.
+def film_of(camera: str | Sequence[str], width: int, height: int) -> FilmFormat:
+    """A film's format from arguments.
 
     Raises:
         ConfigError: If they do not make one.
@@ -42,7 +42,7 @@ def view_of(camera: str | Sequence[str], width: int, height: int) -> View:
     cameras = (camera,) if isinstance(camera, str) else camera
     if not isinstance(cameras, Sequence) or not cameras:
         raise ConfigError(f"camera must be the name of a camera or several, got {shown(camera)}")
-    return View(tuple(cameras), checked_count("width", width), checked_count("height", height))
+    return FilmFormat(tuple(cameras), checked_count("width", width), checked_count("height", height))
 
 
 def _checked(episode: Episode) -> Episode:

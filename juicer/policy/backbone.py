@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from juicer.policy.members import BackboneConfig
+
+SMALLEST_BATCH = 64
+"""Images below which statistics of a batch are too uncertain to learn from."""
 
 
 class Backbone(nn.Module, ABC):
@@ -16,19 +21,26 @@ class Backbone(nn.Module, ABC):
     It is built with its configuration and the height and width of its images.
 
     Attributes:
+        config: What it was built of.
         num_features: Length C of its features.
     """
 
+    config: BackboneConfig
     num_features: int
 
     @abstractmethod
     def forward(self, images: Tensor) -> Tensor:
         """Features ``(B, C)`` of images ``(B, 3, H, W)``, normalised by :class:`Pixels`."""
 
+    def adapted(self, weights: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """State of this network by the weights of a file, of which what serves another purpose is left out."""
+        return dict(weights)
+
 
 def build_backbone(config: BackboneConfig, size: tuple[int, int]) -> Backbone:
     """The backbone of a configuration, with random weights, for images of a height and width."""
     backbone: Backbone = config.network_class()(config, size)
+    backbone.config = config
     return backbone
 
 
@@ -63,3 +75,18 @@ class SpatialSoftmax(nn.Module):
         rows = torch.linspace(-1, 1, height, device=x.device)
         expected = [(share.sum(dim=-2) * columns).sum(dim=-1), (share.sum(dim=-1) * rows).sum(dim=-1)]
         return torch.stack(expected, dim=-1).flatten(1)
+
+
+class BatchNorm(nn.BatchNorm2d):
+    """Batch normalisation whose statistics stay as they are while batches are small, when acting or not.
+
+    A few dozen images of one robot would replace the statistics of millions within some hundred steps.
+    """
+
+    def forward(self, input: Tensor) -> Tensor:
+        """``(B, C, H, W)`` of the same shape."""
+        if not self.training or len(input) >= SMALLEST_BATCH:
+            return super().forward(input)
+        return functional.batch_norm(
+            input, self.running_mean, self.running_var, self.weight, self.bias, training=False, eps=self.eps
+        )

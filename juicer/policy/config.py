@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from juicer.config import StrictConfig
+from juicer.config import StrictConfig, canonical_json
 from juicer.episode import ACTION_SIZE
 from juicer.policy.encoders.features.config import FeaturesConfig
 from juicer.policy.heads.diffusion.config import DiffusionConfig
@@ -120,6 +120,12 @@ class PolicyConfig(StrictConfig):
     def learned_views(self) -> tuple[View, ...]:
         """Views whose images it is trained on, each once."""
         return tuple({view.name: view for each in self.observation.values() for view in each.learned_views}.values())
+
+    @property
+    def fixed_parts(self) -> tuple[EncoderConfig, ...]:
+        """Encoders whose results it is trained on, each once."""
+        parts = [part for each in self.observation.values() for part in each.fixed_parts]
+        return tuple({canonical_json(part): part for part in parts}.values())
 
     @field_validator("observation", mode="before")
     @classmethod

@@ -119,14 +119,17 @@ class Encoders(nn.Module):
             yield name, encoder
 
     @property
+    def sees_images(self) -> bool:
+        """Whether the policy is shown images when it acts."""
+        return any(isinstance(spec, ImageSpec) for spec in self.observations)
+
+    @property
     def account(self) -> str:
         """What the policy sees, and what it was taught with that it does not see: a result is never told without it.
 
         E.g. ``state``, ``images``, or ``images, poses in training``.
         """
-        seen = {spec.name for spec in self.observations}
-        images = any(isinstance(spec, ImageSpec) for spec in self.observations)
-        poses = PART_POSES in seen
+        images, poses = self.sees_images, PART_POSES in {spec.name for spec in self.observations}
         taught = PART_POSES in {spec.name for spec in self.lessons} and not poses
         told = {"images": images, "state": poses, "proprioception": not (images or poses), "poses in training": taught}
         return ", ".join(what for what, is_so in told.items() if is_so)

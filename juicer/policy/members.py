@@ -8,6 +8,7 @@ from pydantic import Field
 
 from juicer.config import models_in
 from juicer.policy.family import Family, MemberConfig
+from juicer.policy.pretrained.config import WeightsField
 from juicer.views import View
 
 MOST_BLOCKS = 64
@@ -26,9 +27,22 @@ class EncoderConfig(MemberConfig):
     """How some observations become a part of the condition; see :class:`juicer.policy.encoder.ObservationEncoder`."""
 
     @property
-    def learned_views(self) -> tuple[View, ...]:
-        """Views of which it is shown images in training: all that it names, unless it learns from something else."""
+    def views_seen(self) -> tuple[View, ...]:
+        """Views that it names."""
         return tuple(model for model in models_in(self) if isinstance(model, View))
+
+    @property
+    def learned_views(self) -> tuple[View, ...]:
+        """Views of which it is shown images in training: all, unless it learns from something else."""
+        return self.views_seen
+
+    @property
+    def fixed_parts(self) -> tuple[EncoderConfig, ...]:
+        """Encoders that learn nothing and whose results it is shown in training: computed once for all who need them.
+
+        What such an encoder prepares of what it sees are the columns that it calls its lessons.
+        """
+        return ()
 
     def rough_features(self) -> int:
         """Numbers that it yields of a step, roughly: for the estimate of a policy's size."""
@@ -49,6 +63,15 @@ class BackboneConfig(MemberConfig):
 
     pixel_mean: ClassVar[Colour] = (0.485, 0.456, 0.406)
     pixel_std: ClassVar[Colour] = (0.229, 0.224, 0.225)
+
+    weights: WeightsField | None = Field(
+        default=None, description="what it starts from: published weights by name, or a file; random if empty"
+    )
+
+    def described(self) -> str:
+        """For people: its kind, and the settings that are not the usual ones."""
+        settings = self.model_dump(exclude={"kind", "weights"}, exclude_defaults=True)
+        return " ".join([self.kind, *(f"{name}={value}" for name, value in settings.items())])
 
     def check_size(self, height: int, width: int) -> None:
         """Refuse images of a size that the network cannot take.

@@ -12,13 +12,13 @@ import numpy as np
 
 from juicer.episode import Episode, Outcome
 from juicer.imaging.captions import Captioner, ending
-from juicer.imaging.video import Frame, Image, View, draw, evenly_spaced, every, write_video
+from juicer.imaging.video import FilmFormat, Frame, Image, draw, evenly_spaced, every, write_video
 from juicer.progress import Progress
 from juicer.reporting.content import EpisodeVideo, Moment
 from juicer.sim.env import STEP_S
 
 MOMENTS = 8
-VIEW = View(width=320, height=240)
+FILM = FilmFormat(width=320, height=240)
 TEXT_PX = 19
 """Letters that stay legible when the video is as narrow as a telephone."""
 
@@ -70,14 +70,14 @@ def _make_video(example: Example, path: Path, progress: Progress) -> EpisodeVide
     stride = max(SMALLEST_STRIDE, math.ceil(len(episode) / MOST_FRAMES))
     steps = every(episode, stride)
     moments = _moments(episode)
-    captioner = Captioner(episode, VIEW, [example.model, ending(episode)], TEXT_PX)
+    captioner = Captioner(episode, FILM, [example.model, ending(episode)], TEXT_PX)
     stills: dict[int, Image] = {}
     shown: list[int] = []
     poster: list[Image] = []
 
     def images() -> Iterator[Image]:
         frame: Frame
-        for frame in draw(episode, sorted({*steps, *moments}), VIEW):
+        for frame in draw(episode, sorted({*steps, *moments}), FILM):
             if frame.step in moments:
                 stills[frame.step] = frame.images[0]
             if frame.step in steps:

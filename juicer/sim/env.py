@@ -43,7 +43,7 @@ SETTLING_S = 0.3
 # A part this far below the table's surface has fallen off it.
 _LOST_BELOW_M = TABLE_HEIGHT_M - 0.05
 
-_RENDERER = "juicer.imaging.renderer"
+_RENDERER, _GL = "juicer.imaging.renderer", "juicer.imaging.gl"
 """Loaded by name when an image is asked for: what draws shapes no result, so no result's identity follows it."""
 
 Observation = dict[str, NDArray[np.float32]]
@@ -73,6 +73,15 @@ class Renderer(Protocol):
 def _compiled_model(task_name: str) -> mujoco.MjModel:
     """Model of a task, compiled once a process; environments get copies, which cost a fifteenth of it."""
     return build_spec(get_task(task_name)).compile()
+
+
+def gl_name() -> str:
+    """What draws images in this process, in the words of its OpenGL platform.
+
+    Raises:
+        RenderingUnavailable: If no OpenGL platform can draw.
+    """
+    return str(importlib.import_module(_GL).gl_name())
 
 
 class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):

@@ -50,7 +50,7 @@ class GrowingArray:
             chunks=(chunk, *self._shape),
             shards=None if shard is None else (shard, *self._shape),
             dtype=np.dtype(spec.dtype),
-            compressors=_codecs(np.dtype(spec.dtype)),
+            compressors=_codecs(np.dtype(spec.dtype), chunk * math.prod(self._shape)),
         )
 
     def append(self, values: Array) -> None:
@@ -196,11 +196,15 @@ class StoredArrays:
             ) from None
 
 
-def _codecs(dtype: np.dtype[Any]) -> tuple[BloscCodec, Crc32cCodec]:
-    """How chunks are packed. The checksum is of what is on the disk, so that nothing damaged is ever unpacked."""
+def _codecs(dtype: np.dtype[Any], entries: int = 0) -> tuple[BloscCodec, Crc32cCodec]:
+    """How chunks of so many numbers are packed.
+
+    The checksum is of what is on the disk, so that nothing damaged is ever unpacked.
+    """
     if dtype.itemsize == 1:
-        # Images: shuffling does nothing to single bytes, and more effort gains little.
-        return BloscCodec(cname="zstd", clevel=3, shuffle="noshuffle"), Crc32cCodec()
+        # Images: shuffling does nothing to single bytes, and more effort gains little. A chunk is one block, so that
+        # what an image repeats of the one before is found.
+        return BloscCodec(cname="zstd", clevel=3, shuffle="noshuffle", blocksize=entries), Crc32cCodec()
     return BloscCodec(cname="zstd", clevel=5, shuffle="shuffle"), Crc32cCodec()
 
 

@@ -10,13 +10,14 @@ from juicer.tasks.registry import get_task
 
 READERS: Mapping[str, tuple[str, ...]] = {
     "rgb": ("juicer.imaging",),
+    "marks": ("juicer.imaging",),
     "handling": ("juicer.expert",),
     "critical_states": ("juicer.annotation", "juicer.augmentation"),
 }
 """Fields that only some packages read: for a stage that runs none of these they do not count.
 
-A colour shapes no physics, so it counts where something is drawn; how the scripted operator grasps a part counts where
-that operator works. Whatever is not named here counts for every stage that looks tasks up.
+A colour or mark shapes no physics, so it counts where something is drawn; how the scripted operator grasps a part
+counts where that operator works. Whatever is not named here counts for every stage that looks tasks up.
 """
 
 _REGISTRY = "juicer.tasks.registry"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from juicer.tasks.specification import Ball, Box, PoseValues, Thread
+from juicer.tasks.specification import Ball, Box, Mark, PoseValues, Thread
 
 MM = 1e-3
 PITCH = 9.375 * MM
@@ -14,6 +14,11 @@ PEG_RADIUS = 10.0 * MM
 """Of the shaft, and of the helix on which the centres of its bead lie."""
 BORE_RADIUS = 12.5 * MM
 HOLE_HELIX_RADIUS = 13.125 * MM
+
+TAG_HALF_WIDTH = 13.125 * MM
+"""Of the square pockets for AprilTags."""
+BLUE, WHITE = (0.08, 0.20, 0.62), (0.96, 0.96, 0.96)
+_PROUD = 0.1 * MM
 
 _FOOT_RADIUS, _FOOT_OUT = 2.0 * MM, 0.2 * MM
 _RIM_MIDDLE = 14.4 * MM
@@ -74,3 +79,26 @@ def inner_thread(
 def outer_thread(start_y: float, azimuth_deg: float) -> Thread:
     """Bead that winds around a peg, from its lower end."""
     return Thread((0.0, 0.0), start_y, math.radians(azimuth_deg), TURNS, PITCH, PEG_RADIUS, BEAD_RADIUS, internal=False)
+
+
+def tags(distance: float, half_width: float) -> tuple[Mark, ...]:
+    """What tells the four sides of a square grip zone apart, where the benchmark's parts carry their AprilTags.
+
+    A blue square at +z, a white one at +x, a blue bar at -z, a white one at -x.
+
+    Args:
+        distance: Of the sides from the part's axis.
+        half_width: Of the squares.
+    """
+    bar = half_width / 4
+    return (
+        Mark(Box((0.0, 0.0, distance), (half_width, TAG_HALF_WIDTH, _PROUD)), BLUE),
+        Mark(Box((distance, 0.0, 0.0), (_PROUD, TAG_HALF_WIDTH, half_width)), WHITE),
+        Mark(Box((0.0, 0.0, -distance), (bar, TAG_HALF_WIDTH, _PROUD)), BLUE),
+        Mark(Box((-distance, 0.0, 0.0), (_PROUD, TAG_HALF_WIDTH, bar)), WHITE),
+    )
+
+
+def pointer(y: float, near: float, far: float) -> Mark:
+    """A blue stripe on a face at right angles to the axis, from the axis towards +z."""
+    return Mark(Box((0.0, y, (near + far) / 2), (3.0 * MM, _PROUD, (far - near) / 2)), BLUE)

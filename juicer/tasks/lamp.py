@@ -20,7 +20,9 @@ from juicer.tasks.furniture_bench import (
     base_pose,
     inner_thread,
     outer_thread,
+    pointer,
     shoulder,
+    tags,
 )
 from juicer.tasks.handling import Y_DOWN, BaseHandling, Handling
 from juicer.tasks.specification import (
@@ -74,6 +76,7 @@ def _base() -> PartSpec:
         ),
         bores=(Bore((0.0, 0.0), BORE_RADIUS, 16.25 * MM, -45.8 * MM, -14.8 * MM),),
         threads=(inner_thread(-39.55 * MM, 180.0, bead_radius=_SMALLER_BEAD),),
+        marks=(pointer(-45.8 * MM, 16.5 * MM, 27.575 * MM),),
         handling=BaseHandling(
             width_m=0.0555,
             height_m=0.058,
@@ -98,6 +101,7 @@ def _bulb() -> PartSpec:
         balls=(Ball((0.0, 38.0 * MM, 0.0), 30.0 * MM), *shoulder(-13.125 * MM)),
         pegs=(Peg(PEG_RADIUS, -53.0 * MM, -13.0 * MM),),
         threads=(outer_thread(-40.75 * MM, 180.0),),
+        marks=tags(17.5 * MM, 13.0 * MM),
         rolls=True,
         handling=Handling(
             half_size_m=(0.030, 0.060, 0.030),

@@ -17,16 +17,20 @@ from __future__ import annotations
 import math
 
 from juicer.tasks.furniture_bench import (
+    BLUE,
     BORE_RADIUS,
     MM,
     PEG_RADIUS,
+    WHITE,
     axis_turn,
     base_pose,
     feet,
     inner_thread,
     outer_thread,
+    pointer,
     round_plate,
     shoulder,
+    tags,
     upright_pose,
 )
 from juicer.tasks.handling import Y_UP, BaseHandling, Handling
@@ -37,6 +41,7 @@ from juicer.tasks.specification import (
     Box,
     Grasp,
     Insertion,
+    Mark,
     PartSpec,
     Peg,
     Shell,
@@ -87,6 +92,7 @@ def _leg() -> PartSpec:
         pegs=(Peg(PEG_RADIUS, -39.375 * MM, -13.125 * MM),),
         bores=(Bore((0.0, 0.0), BORE_RADIUS, 21.25 * MM, 13.125 * MM, 51.875 * MM),),
         threads=(outer_thread(-31.875 * MM, 90.0), inner_thread(24.375 * MM, -90.0)),
+        marks=(*tags(16.25 * MM, 12.0 * MM), pointer(51.875 * MM, 12.5 * MM, 21.0 * MM)),
         handling=Handling(
             half_size_m=(0.0213, 0.052, 0.0213),
             pick_m=0.034,
@@ -123,6 +129,10 @@ def _base() -> PartSpec:
         balls=shoulder(-1.25 * MM),
         pegs=(Peg(PEG_RADIUS, -28.75 * MM, -1.25 * MM),),
         threads=(outer_thread(-20.0 * MM, -90.0),),
+        marks=(
+            Mark(Box((52.0 * MM, 5.0 * MM, 0.0), (8.0 * MM, 6.35 * MM, 10.0 * MM)), BLUE),
+            Mark(Box((0.0, 5.0 * MM, 52.0 * MM), (10.0 * MM, 6.35 * MM, 8.0 * MM)), WHITE),
+        ),
         handling=Handling(
             half_size_m=(0.065, 0.029, 0.065),
             pick_m=0.004,

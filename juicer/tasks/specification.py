@@ -133,6 +133,19 @@ class Thread:
 
 
 @dataclass(frozen=True)
+class Mark:
+    """A patch painted on a part, so that it can be seen how the part is turned. It has no physics.
+
+    Attributes:
+        patch: A thin box, part of which stands out of the surface.
+        rgb: Its colour, each channel in [0, 1].
+    """
+
+    patch: Box
+    rgb: Vector
+
+
+@dataclass(frozen=True)
 class PartSpec:
     """One rigid part.
 
@@ -145,6 +158,7 @@ class PartSpec:
         start: Mean initial pose in the robot base frame.
         footprint: Extents (x, y) of the rectangle that keeps other parts away at reset.
         rgb: Colour, each channel in [0, 1].
+        marks: Patches of other colours.
         is_round: Whether the footprint is a disc.
         start_shift_m: Range of its random shift along x and y at reset, if it has one of its own.
         rolls: Whether it is kept from rolling while the scene settles; afterwards it lies until it is touched.
@@ -165,6 +179,7 @@ class PartSpec:
     pegs: tuple[Peg, ...] = ()
     bores: tuple[Bore, ...] = ()
     threads: tuple[Thread, ...] = ()
+    marks: tuple[Mark, ...] = ()
     is_round: bool = False
     start_shift_m: tuple[float, float] | None = None
     rolls: bool = False

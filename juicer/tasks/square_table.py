@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from juicer.tasks.furniture_bench import MM, base_pose, inner_thread, outer_thread, shoulder
+from juicer.tasks.furniture_bench import MM, base_pose, inner_thread, outer_thread, pointer, shoulder, tags
 from juicer.tasks.handling import Y_UP, BaseHandling, Handling
 from juicer.tasks.specification import AssemblyPair, AssemblyTask, Bore, Box, Insertion, PartSpec, Peg, PoseValues
 
@@ -80,6 +80,7 @@ def square_table_leg(number: int, world_y: float, rgb: tuple[float, float, float
         balls=shoulder(-31.25 * MM),
         pegs=(Peg(10.0 * MM, -56.25 * MM, -31.25 * MM),),
         threads=(outer_thread(-50.0 * MM, 0.0),),
+        marks=(*tags(15.0 * MM, 11.0 * MM), pointer(31.25 * MM, 0.0, 15.0 * MM)),
         handling=Handling(
             half_size_m=(0.015, 0.056, 0.015), pick_m=0.0115, pick_width_m=0.030, screw_m=0.012, screw_width_m=0.030
         ),

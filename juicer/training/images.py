@@ -54,15 +54,15 @@ def unpack_images(
     """
     if not specs:
         return {}
-    spans = [list(_spans(group, READ_BYTES // max(math.prod(_sizes(spec)) for spec in specs))) for group in groups]
+    sizes = {spec.name: math.prod(_sizes(spec)) for spec in specs}
+    spans = [list(_spans(group, max(1, READ_BYTES // max(sizes.values())))) for group in groups]
     total = sum(span.stop - span.start for each in spans for span in each)
     for group in groups:
         _check(group.reader, specs)
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.iterdir():
         old.unlink()
-    needed = total * sum(math.prod(_sizes(spec)) for spec in specs)
-    require_room(folder, needed, f"the images of {total:,} steps, unpacked for the training,")
+    require_room(folder, total * sum(sizes.values()), f"the images of {total:,} steps, unpacked for the training,")
     unpacked: dict[str, NDArray[np.uint8]] = {}
     for number, spec in enumerate(specs):
         images = np.memmap(folder / spec.name, np.uint8, "w+", shape=(total, *_sizes(spec)))
@@ -94,7 +94,7 @@ def _spans(group: Chosen, longest: int) -> Iterator[slice]:
 
 
 def _cut(start: int, end: int, longest: int) -> Iterator[slice]:
-    return (slice(first, min(first + longest, end)) for first in range(start, end, max(1, longest)))
+    return (slice(first, min(first + longest, end)) for first in range(start, end, longest))
 
 
 def _check(reader: EpisodeReader, specs: Sequence[ImageSpec]) -> None:

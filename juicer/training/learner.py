@@ -52,7 +52,7 @@ class Learner:
         self.precision = config.precision
         if config.precision == "auto":
             self.precision = "bf16" if device.type != "cpu" or has_fast_bfloat16() else "fp32"
-        self._parameters = [parameter for parameter in network.parameters() if parameter.requires_grad]
+        self._parameters = [each for each in network.parameters() if each.requires_grad]
         self._optimizer = torch.optim.AdamW(
             self._parameters, lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
         )
@@ -105,10 +105,12 @@ class Learner:
             return
         # Early on a long memory would mostly remember the initial weights.
         decay = min(self._config.ema_decay, (1 + step) / (10 + step)) ** AVERAGED_EVERY
-        pairs = zip(self.ema.parameters(), self.network.parameters(), strict=True)
-        averages: list[Tensor] = [average for average, parameter in pairs if parameter.requires_grad]
-        current: list[Tensor] = list(self._parameters)
+        both = zip(self.ema.parameters(), self.network.parameters(), strict=True)
+        averages, current = zip(*((average, own) for average, own in both if own.requires_grad), strict=True)
         torch._foreach_lerp_(averages, current, 1 - decay)
+        # Statistics of batch normalisation are averages already.
+        for average, own in zip(self.ema.buffers(), self.network.buffers(), strict=True):
+            average.copy_(own)
 
 
 def _below(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:

@@ -17,6 +17,8 @@ from juicer.errors import ConfigError, TrainingFailed
 from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetadata
 from juicer.policy.config import HorizonConfig, PolicyConfig
 from juicer.policy.network import PolicyNetwork, build_policy
+from juicer.policy.pretrained.files import DEFAULT_FOLDER
+from juicer.policy.pretrained.loading import load_pretrained
 from juicer.policy.tasks import Tasks
 from juicer.policy.torch_settings import compute_settings, usable_device
 from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progress
@@ -67,6 +69,7 @@ def train(
     estimators: Sequence[nn.Module] = (),
     scratch: Path | None = None,
     device: str = "cpu",
+    weights: Path = DEFAULT_FOLDER,
     progress: Progress = silent_progress,
     metrics: MetricSink | None = None,
 ) -> TrainedCheckpoint:
@@ -84,12 +87,14 @@ def train(
         scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
             training continues from it, bit for bit on a CPU.
         device: Torch device; a fact about the machine, not part of what is trained.
+        weights: Where files of pretrained weights are looked for first.
         progress: Called with the steps done, the loss and the seconds left.
         metrics: Called with loss, learning rate and validation.
 
     Raises:
         ConfigError: If settings contradict each other, or there is no such device.
         TrainingFailed: If there is too little data, or windows leave out most of it, or the loss is no longer a number.
+        UnusableWeights: If the policy is to start from pretrained weights and their file is missing or another one.
     """
     torch_device = usable_device(device)
     _check_noise(policy, config)
@@ -102,6 +107,7 @@ def train(
         network = build_policy(policy, tasks, torch_seed(seed, "weights"))
         network.encoders.take_over(estimators)
         network.to(torch_device)
+        pretrained = load_pretrained(network, weights)
         windows = window_sources(episodes, (learned, held_out), network, config, seed, torch_device)
         learner = Learner(network, config, seed, torch_device)
         order = BatchOrder(len(windows.learned), config.batch_size, seed, window_weights(episodes, learned))
@@ -117,6 +123,8 @@ def train(
     )
     ema = None if learner.ema is None else _on_cpu(learner.ema)
     machine = {"device": torch_device.type, "precision": learner.precision}
+    if pretrained:
+        machine["pretrained"] = ", ".join(f"{each.file} ({each.licence})" for each in pretrained)
     return TrainedCheckpoint(
         checkpoint=Checkpoint(metadata, _on_cpu(network), ema),
         facts={**machine, **facts},

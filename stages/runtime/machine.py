@@ -14,6 +14,7 @@ from typing import Self
 from filelock import FileLock, Timeout
 
 from juicer.errors import ServiceUnavailable
+from juicer.policy.pretrained.files import DEFAULT_FOLDER
 
 CPU = "cpu"
 POLL_SECONDS = 0.5
@@ -28,12 +29,14 @@ class Machine:
         num_envs: Simulated environments that a rollout steps side by side.
         devices: Torch devices: each takes one training at a time; policies act on the first.
         leases: Folder of the locks that say which device is taken; one that all runs of a user share if None.
+        weights: Where files of pretrained weights are looked for first.
     """
 
     workers: int = 1
     num_envs: int = 8
     devices: tuple[str, ...] = (CPU,)
     leases: Path | None = None
+    weights: Path = DEFAULT_FOLDER
 
     @property
     def device(self) -> str:

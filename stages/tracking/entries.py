@@ -13,7 +13,7 @@ from typing import Any
 from mlflow.entities import Dataset, DatasetInput, InputTag
 
 from juicer.artifacts.commit import UNKNOWN
-from juicer.artifacts.manifest import Manifest
+from juicer.artifacts.manifest import OBSERVES, STATE, Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.evaluation import ConditionResult
 from juicer.storage.evaluations import EvaluationRow
@@ -85,6 +85,17 @@ def commit(manifest: Manifest) -> str:
     return "" if found == UNKNOWN else found
 
 
+def sight(model: Model, evaluation: Manifest) -> dict[str, str]:
+    """Tags of a run that say what the policy sees.
+
+    A run that was begun before that was known has a name which does not say so.
+    """
+    if not evaluation.observes:
+        return {}
+    named = {} if evaluation.observes == STATE else {"mlflow.runName": model.label}
+    return {OBSERVES: evaluation.observes, **named}
+
+
 def dataset(manifest: Manifest) -> DatasetInput:
     """An artifact as a dataset, whose digest is the artifact's id."""
     recipe = manifest.recipe
@@ -146,6 +157,7 @@ def version_tags(model: Model, history: History, checkpoint: ArtifactRef) -> dic
         "episodes": str(history.evaluation.summary["episodes"]),
         "artifact": str(checkpoint),
         "evaluation": str(history.evaluation.ref),
+        OBSERVES: history.evaluation.observes,
     }
     return tags | ({"commit": found} if (found := commit(history.evaluation)) else {})
 

@@ -162,6 +162,7 @@ class Study:
         note = entries.story(self.experiment, identity, history, model.finding)
         parent = self.open(model.parent_key, model.title, {"condition": model.condition}, run.info.start_time)
         tags = {NOTE: note, "mlflow.parentRunId": parent.info.run_id, "mlflow.loggedArtifacts": entries.LOGGED_TABLE}
+        tags |= entries.sight(model, history.evaluation)
         if commit := entries.commit(history.evaluation):
             tags["mlflow.source.git.commit"] = commit
         self._complete(run, model.evaluation, end, tags)

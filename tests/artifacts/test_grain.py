@@ -20,19 +20,24 @@ from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.source_tree import Source, SourceTree
 from juicer.artifacts.store import ArtifactStore
 from juicer.demonstration.ingestion import IngestionConfig
+from juicer.policy.config import PolicyConfig
+from juicer.policy.encoders.images.config import ImagesConfig
 from juicer.reporting.comparison import ReportRow
 from juicer.tasks import content
 from juicer.tasks.registry import TASK_NAMES, get_task
 from juicer.tasks.specification import AssemblyTask
 from juicer.training.mixing import DatasetConfig
+from juicer.views import View
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import CollectConfig, collect
 from stages.dataset import dataset
+from stages.encode import EncodeConfig, encode
 from stages.evaluate import EvaluateConfig, evaluate
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
 from stages.record import RecordConfig, record
+from stages.render import RenderConfig, render
 from stages.report import ReportConfig, report
 from stages.runtime.names import STAGES
 from stages.runtime.session import Session
@@ -47,7 +52,9 @@ FROM_SELECTION = {"select", "mix", "retrain", *FROM_EVALUATION}
 FROM_TRAINING = {"train", "collect", *FROM_SELECTION}
 FROM_AUGMENTATION = {"augment", "dataset", *FROM_TRAINING}
 FROM_ANNOTATION = {"annotate", *FROM_AUGMENTATION}
-FROM_INGESTION = {"ingest", "memorise", *FROM_ANNOTATION}
+LOOKING = {"look and train", "look and evaluate"}
+FROM_DRAWING = {"render", "encode", "images", *LOOKING}
+FROM_INGESTION = {"ingest", "memorise", *FROM_DRAWING, *FROM_ANNOTATION}
 EVERYTHING = {"record", *FROM_INGESTION}
 NOTHING: set[str] = set()
 
@@ -127,10 +134,10 @@ COLUMN = rewrite('"confidence": pa.float64(),', '"confidence": pa.float64(),\n  
 MEMBERS = tuple(
     edit(name, f"juicer/policy/{path}", CODE, again)
     for name, path, again in (
-        ("the encoder that the policies use", "encoders/features/config.py", FROM_TRAINING),
-        ("an encoder that they do not use", "encoders/images/network.py", NOTHING),
-        ("a backbone that they do not use", "backbones/small_cnn/network.py", NOTHING),
-        ("the head that the policies use", "heads/diffusion/network.py", FROM_TRAINING),
+        ("the encoder of states", "encoders/features/config.py", FROM_TRAINING),
+        ("the encoder of images", "encoders/images/network.py", {"encode", *LOOKING}),
+        ("the backbone", "backbones/small_cnn/network.py", {"encode", *LOOKING}),
+        ("the head that the policies use", "heads/diffusion/network.py", FROM_TRAINING | LOOKING),
         ("a head that they do not use", "heads/mlp/network.py", NOTHING),
         ("a denoiser that they do not use", "denoisers/mlp/network.py", NOTHING),
     )
@@ -142,13 +149,14 @@ CHANGES = (
     member("a new head", "juicer/policy/heads/flow_matching", NOTHING),
     *MEMBERS,
     edit("a fifth task", "juicer/tasks/stool.py", append(FIFTH), NOTHING),
-    data("a colour of round_table", "round_table", recolour, {"report"}),
+    data("a colour of round_table", "round_table", recolour, {"report", *FROM_DRAWING}),
     data("a thread radius of lamp", "lamp", thicken_thread, EVERYTHING),
     data("the operator's grasp of lamp's bulb", "lamp", grasp_higher, EVERYTHING),
     data("the critical states of lamp", "lamp", fewer_critical_states, FROM_ANNOTATION),
     edit("lamp written down in other words", "juicer/tasks/lamp.py", CODE, NOTHING),
     edit("the operator's habits", "juicer/expert/habits.py", CODE, EVERYTHING),
-    edit("the renderer", "juicer/imaging/renderer.py", CODE, {"report"}),
+    edit("the renderer", "juicer/imaging/renderer.py", CODE, {"report", *FROM_DRAWING}),
+    edit("how videos are written", "juicer/imaging/video.py", CODE, {"report"}),
     edit("a sentence in the report", "juicer/reporting/page.py", CODE, {"report"}),
     edit("an MLflow tag", "stages/tracking/record.py", CODE, NOTHING),
     edit("the store", "juicer/artifacts/store.py", CODE, NOTHING),
@@ -160,12 +168,24 @@ CHANGES = (
     edit("a rule that proposes critical states", "juicer/annotation/propose.py", CODE, FROM_ANNOTATION),
     edit("a column of the annotations table", "juicer/storage/annotations.py", COLUMN, FROM_ANNOTATION),
     edit("the augmentation's return path", "juicer/augmentation/plan.py", CODE, FROM_AUGMENTATION),
-    edit("the normaliser", "juicer/policy/normalizer.py", CODE, FROM_TRAINING),
-    edit("the optimiser's loop", "juicer/training/trainer.py", CODE, FROM_TRAINING),
-    edit("rollouts", "juicer/rollout.py", CODE, {"collect", *FROM_SELECTION}),
+    edit("the normaliser", "juicer/policy/normalizer.py", CODE, FROM_TRAINING | LOOKING),
+    edit(
+        "how pretrained weights are read",
+        "juicer/policy/pretrained/loading.py",
+        CODE,
+        {"encode"} | FROM_TRAINING | LOOKING,
+    ),
+    edit("a file of weights that somebody publishes", "juicer/policy/pretrained/known.py", CODE, NOTHING),
+    edit("the optimiser's loop", "juicer/training/trainer.py", CODE, FROM_TRAINING | LOOKING),
+    edit("rollouts", "juicer/rollout.py", CODE, {"collect", "look and evaluate", *FROM_SELECTION}),
     edit("the rule of selection", "stages/select.py", CODE, FROM_SELECTION),
-    edit("a confidence interval", "juicer/evaluation.py", CODE, FROM_EVALUATION),
+    edit("a confidence interval", "juicer/evaluation.py", CODE, {"look and evaluate", *FROM_EVALUATION}),
 )
+
+EYES = ImagesConfig(views={"wrist": View(camera="wrist")})
+FROZEN = EYES.model_copy(update={"frozen": True})
+LOOKING_POLICY = PolicyConfig(observation={"eyes": EYES})
+"""Head and limits as the others have them."""
 
 Recipes = dict[str, dict[str, Recipe]]
 """By task and call."""
@@ -225,6 +245,13 @@ def loop(task: str) -> dict[str, Recipe]:
     made = {"record": record(session, config=RecordConfig(**start))}
     demonstrations = made["ingest"] = ingest(session, logs=made["record"], config=IngestionConfig(task=task))
     made["memorise"] = memorise(session, episodes=demonstrations, config=MemoriseConfig())
+    made["render"] = render(session, episodes=demonstrations, config=RenderConfig(view=View(camera="wrist")))
+    made["images"] = dataset(session, episodes=(demonstrations,), columns=(made["render"],), config=DatasetConfig())
+    made["encode"] = encode(
+        session, episodes=demonstrations, images=(made["render"],), config=EncodeConfig(encoder=FROZEN.fixed_parts[0])
+    )
+    made["look and train"] = train(session, dataset=made["images"], config=TrainConfig(policy=LOOKING_POLICY))
+    made["look and evaluate"] = evaluate(session, checkpoint=made["look and train"], config=EvaluateConfig(**start))
     made["annotate"] = annotate(session, episodes=demonstrations, config=AnnotationConfig())
     made["augment"] = augment(session, episodes=demonstrations, annotations=made["annotate"], config=AugmentConfig())
     episodes = (demonstrations, made["augment"])
@@ -260,12 +287,15 @@ def test_exactly_what_a_change_concerns_runs_again(house: House, change: Change)
     assert house.again(change) == expected
 
 
-@pytest.mark.parametrize("stage", STAGES)
-def test_no_stage_depends_on_what_shows_results_but_the_report(house: House, stage: str) -> None:
-    shows = ("juicer.reporting", "juicer.imaging", "stages.tracking", "flows")
-    recipes = [recipe for recipes in house.before.values() for recipe in recipes.values() if recipe.stage == stage]
-    shown = {name for recipe in recipes for name in recipe.modules if name.startswith(shows)}
-    assert bool(shown) == (stage == "report")
+def test_what_shows_results_counts_for_the_report_alone_and_what_draws_for_those_that_look(house: House) -> None:
+    for recipes in house.before.values():
+        for name, recipe in recipes.items():
+            shows = any(
+                module.startswith(("juicer.reporting", "stages.tracking", "flows")) for module in recipe.modules
+            )
+            draws = any(module.startswith("juicer.imaging") for module in recipe.modules)
+            assert shows == (name == "report"), name
+            assert draws == (name in {"report", "render", "encode", *LOOKING}), name
 
 
 def test_a_call_names_its_own_task_and_no_other(house: House) -> None:
@@ -273,7 +303,8 @@ def test_a_call_names_its_own_task_and_no_other(house: House) -> None:
         assert all(list(recipe.tasks) == [task] for recipe in recipes.values())
         assert recipes["select"].tasks[task] == {}
         assert "rgb" not in recipes["record"].tasks[task]["parts"][0]
-        assert "rgb" in recipes["report"].tasks[task]["parts"][0]
+        for name in ("report", "render", "look and evaluate"):
+            assert "rgb" in recipes[name].tasks[task]["parts"][0]
 
 
 def test_the_table_can_be_printed(house: House) -> None:

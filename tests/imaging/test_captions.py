@@ -9,15 +9,15 @@ import pytest
 
 from juicer.episode import DEMONSTRATION, Outcome, Source
 from juicer.imaging.captions import GAP, Captioner, describe, ending
-from juicer.imaging.video import Frame, View
+from juicer.imaging.video import FilmFormat, Frame
 
-BOTH = View(width=320, height=240)
+BOTH = FilmFormat(width=320, height=240)
 MILESTONES = {"top_placed": 3, "leg_lifted": 7}
 
 
-def frame_of(view, step):
-    image = np.full((view.height, view.width, 3), 90, np.uint8)
-    return Frame(step, (image,) * len(view.cameras))
+def frame_of(film, step):
+    image = np.full((film.height, film.width, 3), 90, np.uint8)
+    return Frame(step, (image,) * len(film.cameras))
 
 
 def test_an_episode_is_described_by_what_its_record_holds(episode_factory):
@@ -28,14 +28,14 @@ def test_an_episode_is_described_by_what_its_record_holds(episode_factory):
     assert ending(snippet) == "timeout after 12 steps"
 
 
-@pytest.mark.parametrize("view", [BOTH, View(("wrist",), 161, 121), View(width=1280, height=720)])
-def test_captioned_images_are_even_and_hold_the_cameras_images_unchanged(episode_factory, view):
+@pytest.mark.parametrize("film", [BOTH, FilmFormat(("wrist",), 161, 121), FilmFormat(width=1280, height=720)])
+def test_captioned_images_are_even_and_hold_the_cameras_images_unchanged(episode_factory, film):
     episode = episode_factory(12, milestones=MILESTONES)
-    image = Captioner(episode, view, ["one_leg", "initial state 3"]).caption(frame_of(view, 5))
+    image = Captioner(episode, film, ["one_leg", "initial state 3"]).caption(frame_of(film, 5))
     height, width, _ = image.shape
     assert height % 2 == width % 2 == 0
-    assert width - (len(view.cameras) * (view.width + GAP) - GAP) in (0, 1)
-    assert np.all(image[height - view.height : height - 1, view.width // 2] == 90)
+    assert width - (len(film.cameras) * (film.width + GAP) - GAP) in (0, 1)
+    assert np.all(image[height - film.height : height - 1, film.width // 2] == 90)
 
 
 def test_every_step_milestone_and_the_outcome_change_the_caption(episode_factory):
@@ -67,8 +67,8 @@ def test_steps_of_a_demonstration_are_told_as_those_of_the_recording(episode_fac
 @pytest.mark.parametrize("text", ["\x1b[2J\n", "w" * 10_000, "\ud800 \u202e", "日本語", ""])
 def test_no_text_breaks_a_caption(episode_factory, text):
     episode = episode_factory(12, milestones={text: 2, "leg_lifted": 3}, device=text)
-    view = View(("front",), 160, 120)
-    image = Captioner(episode, view, [text, *describe(episode.record)]).caption(frame_of(view, 12))
+    film = FilmFormat(("front",), 160, 120)
+    image = Captioner(episode, film, [text, *describe(episode.record)]).caption(frame_of(film, 12))
     assert image.shape[1] == 160
     assert len(image) < 400
 
@@ -80,10 +80,10 @@ def test_a_title_too_long_for_a_line_takes_several(episode_factory):
 
 
 def test_the_outcome_stands_clear_of_the_time(episode_factory):
-    view = View(("front",), 240, 180)
+    film = FilmFormat(("front",), 240, 180)
     episode = episode_factory(300)
-    end = Captioner(episode, view).caption(frame_of(view, 300))
-    row = end[: end.shape[0] - view.height - 20]
+    end = Captioner(episode, film).caption(frame_of(film, 300))
+    row = end[: end.shape[0] - film.height - 20]
     green = np.flatnonzero(((row[..., 1] > 180) & (row[..., 0] < 160)).any(axis=0))
     before = row[:, green[0] - 4 : green[0] - 1]
     assert before.max() < 60

@@ -50,10 +50,11 @@ def columns(tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(("chunk_bytes", "shard_bytes"), [(1, 1), (2000, 5000), (2**15, 2**25)])
+@pytest.mark.parametrize(("chunk_steps", "chunk_bytes", "shard_bytes"), [(1, 1, 1), (2, 2000, 5000), (8, 2**15, 2**25)])
 def test_columns_read_back_exactly_whatever_the_chunks(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chunk_bytes: int, shard_bytes: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chunk_steps: int, chunk_bytes: int, shard_bytes: int
 ) -> None:
+    monkeypatch.setattr(module, "CHUNK_STEPS", chunk_steps)
     monkeypatch.setattr(module, "CHUNK_BYTES", chunk_bytes)
     monkeypatch.setattr(module, "SHARD_BYTES", shard_bytes)
     write_columns(tmp_path, [IMAGE, SPEED], derived(), artifact=ARTIFACT, episode_ends=ENDS)
@@ -83,7 +84,7 @@ def test_a_window_unpacks_little_of_a_column_and_a_column_is_few_files(tmp_path:
     frames = [{"front": np.zeros((300, *image.shape), np.uint8) + np.arange(300, dtype=np.uint8)[:, None, None, None]}]
     write_columns(tmp_path, [image], frames, artifact=ARTIFACT, episode_ends=np.array([300]))
     array = zarr.open_array(tmp_path / COLUMNS / "data" / "front", mode="r")
-    assert array.chunks[0] == 1
+    assert array.chunks[0] == 8
     assert len(list((tmp_path / COLUMNS / "data" / "front").rglob("c/*/*/*/*"))) == 3
 
 

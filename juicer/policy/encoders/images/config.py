@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from juicer.config import canonical_json
 from juicer.policy.backbones.small_cnn.config import SmallCNNConfig
 from juicer.policy.members import BACKBONES, BackboneConfig, EncoderConfig, Size
 from juicer.views import View
@@ -46,6 +48,26 @@ class ImagesConfig(EncoderConfig):
         for view in self.views.values():
             self.backbone.check_size(view.height, view.width)
         return self
+
+    @property
+    def learned_views(self) -> tuple[View, ...]:
+        """See :class:`juicer.policy.members.EncoderConfig`."""
+        return () if self.frozen else super().learned_views
+
+    @property
+    def fixed_parts(self) -> tuple[ImagesConfig, ...]:
+        """What is frozen, a view each."""
+        if not self.frozen:
+            return ()
+        return tuple(map(self._part, {view.name: view for view in self.views.values()}.values()))
+
+    def column(self, view: View) -> str:
+        """Name of the features of a view's images: the same for the same features, and for no others."""
+        content = hashlib.sha256(canonical_json(self._part(view)).encode()).hexdigest()
+        return f"{view.camera}_{self.backbone.kind}_{content[:8]}"
+
+    def _part(self, view: View) -> Self:
+        return self.model_copy(update={"views": {"only": view}, "projection": None})
 
     def rough_features(self) -> int:
         """See :class:`juicer.policy.members.EncoderConfig`."""

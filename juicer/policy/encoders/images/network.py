@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import nullcontext
 from typing import Self
 
 import torch
 from torch import Tensor, nn
 
+from juicer.episode import ArraySpec, Role
 from juicer.policy.backbone import Backbone, Pixels, build_backbone
 from juicer.policy.encoder import ObservationEncoder
 from juicer.policy.encoders.images.config import ImagesConfig
 from juicer.policy.tasks import Tasks
-from juicer.views import View
 
 FULL_BRIGHTNESS = 255
 
@@ -21,12 +21,14 @@ FULL_BRIGHTNESS = 255
 class ImagesEncoder(ObservationEncoder):
     """A token a view and observed step.
 
-    Images stay what they are, uint8 ``(..., h, w, 3)``, until a batch goes through the network: a training set of
-    them as numbers would not fit into memory.
+    Where the backbone is trained, images stay what they are, uint8 ``(..., h, w, 3)``, until a batch goes through the
+    network: a training set of them as numbers would not fit into memory. Where it is frozen, its features are what is
+    prepared of them, and in training they are read from a column.
     """
 
     def __init__(self, config: ImagesConfig, tasks: Tasks, obs_horizon: int) -> None:
         super().__init__()
+        self.config = config
         self.views = dict(config.views)
         self.frozen = config.frozen
         self.observations = tuple({view.name: view.observed() for view in self.views.values()}.values())
@@ -47,13 +49,33 @@ class ImagesEncoder(ObservationEncoder):
     def fit(self, observations: Mapping[str, Tensor]) -> None:
         """Nothing: every pixel is within its limits."""
 
+    @property
+    def lessons(self) -> tuple[ArraySpec, ...]:
+        """The images, or columns of their features."""
+        if not self.frozen:
+            return self.observations
+        names = dict.fromkeys(map(self.config.column, self.views.values()))
+        return tuple(ArraySpec(name, (self._backbone(0).num_features,), "float32", Role.DERIVED) for name in names)
+
     def prepare(self, observations: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
-        """The images themselves, by the names of their views."""
-        return {name: observations[view.name] for name, view in self.views.items()}
+        """By the names of the views the images themselves, or their features ``(..., C)``."""
+        images = {name: observations[view.name] for name, view in self.views.items()}
+        if not self.frozen:
+            return images
+        return {name: self._features(0, values) for name, values in images.items()}
+
+    def prepare_lessons(self, lessons: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
+        """The same of lessons."""
+        if not self.frozen:
+            return self.prepare(lessons)
+        return {name: lessons[self.config.column(view)] for name, view in self.views.items()}
 
     def forward(self, prepared: Mapping[str, Tensor]) -> Tensor:
-        """Tokens ``(B, T_o V, C)`` of images ``(B, T_o, h, w, 3)`` of V views; all views of a step side by side."""
-        tokens = [self._tokens(index, prepared[name]) for index, name, _ in self._items()]
+        """Tokens ``(B, T_o V, C)`` of what was prepared ``(B, T_o, ...)`` of V views; all views of a step together."""
+        tokens = []
+        for index, name in enumerate(self.views):
+            features = prepared[name] if self.frozen else self._features(index, prepared[name])
+            tokens.append(self.projections[index](features))
         return torch.stack(tokens, dim=2).flatten(1, 2)
 
     def train(self, mode: bool = True) -> Self:
@@ -63,18 +85,15 @@ class ImagesEncoder(ObservationEncoder):
             self.backbones.eval()
         return self
 
-    def _items(self) -> Iterator[tuple[int, str, View]]:
-        return ((index, name, view) for index, (name, view) in enumerate(self.views.items()))
-
     def _backbone(self, index: int) -> Backbone:
         backbone = self.backbones[0 if self.frozen else index]
         assert isinstance(backbone, Backbone)
         return backbone
 
-    def _tokens(self, index: int, images: Tensor) -> Tensor:
+    def _features(self, index: int, images: Tensor) -> Tensor:
+        """Features ``(..., C)`` of images ``(..., h, w, 3)`` of a view."""
         # As they lie in memory, images are what convolutions call channels last, and the fastest on most hardware.
-        pixels = images.flatten(0, 1).permute(0, 3, 1, 2).float() / FULL_BRIGHTNESS
+        pixels = images.flatten(0, -4).permute(0, 3, 1, 2).float() / FULL_BRIGHTNESS
         with torch.no_grad() if self.frozen else nullcontext():
-            features = self._backbone(index)(self.pixels(pixels))
-        tokens: Tensor = self.projections[index](features)
-        return tokens.reshape(*images.shape[:2], -1)
+            features: Tensor = self._backbone(index)(self.pixels(pixels))
+        return features.reshape(*images.shape[:-3], -1)

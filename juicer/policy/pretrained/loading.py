@@ -1,0 +1,119 @@
+"""Weights from files into networks: only tensors, only whole, and only into the network they belong to."""
+
+from __future__ import annotations
+
+import io
+import logging
+import pickle
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load as load_safetensors
+from torch import Tensor, nn
+
+from juicer.errors import UnusableWeights
+from juicer.policy.backbone import Backbone
+from juicer.policy.pretrained.config import Weights
+from juicer.policy.pretrained.files import read_weights_file
+from juicer.text import printable
+
+WRAPPERS = ("r3m", "vip", "model", "state_dict")
+"""Under which name files hold their weights beside other things."""
+PREFIXES = ("module.", "convnet.")
+"""What the names of weights begin with that were saved as a part of something."""
+SAFETENSORS = ".safetensors"
+
+logger = logging.getLogger(__name__)
+
+
+def load_pretrained(network: nn.Module, folder: Path) -> tuple[Weights, ...]:
+    """Fill every backbone of a network that is to start from pretrained weights.
+
+    Args:
+        network: A network with backbones somewhere in it.
+        folder: Where files of weights are looked for first.
+
+    Returns:
+        The weights that were taken, each once.
+
+    Raises:
+        UnusableWeights: If a file is missing, is another one than meant, or holds something else than the weights of
+            that backbone.
+    """
+    tensors: dict[Weights, dict[str, Tensor]] = {}
+    for backbone in network.modules():
+        if not isinstance(backbone, Backbone) or (weights := backbone.config.weights) is None:
+            continue
+        if weights not in tensors:
+            tensors[weights] = read_tensors(weights, folder)
+        _fill(backbone, tensors[weights], weights.file)
+    for weights in tensors:
+        if not weights.is_commercial:
+            logger.warning("the weights '%s' may not be used commercially: %s", weights.file, weights.licence)
+    return tuple(tensors)
+
+
+def read_tensors(weights: Weights, folder: Path) -> dict[str, Tensor]:
+    """Tensors of a file by name, without what others have put around them.
+
+    Raises:
+        UnusableWeights: See :func:`load_pretrained`.
+    """
+    content = read_weights_file(weights, folder)
+    found = _unpacked(content, weights.file)
+    wrapped = next((found[name] for name in WRAPPERS if isinstance(found.get(name), Mapping)), found)
+    named = {str(name): value for name, value in wrapped.items() if isinstance(value, Tensor)}
+    if not named or len(named) < len(wrapped):
+        raise UnusableWeights(f"'{weights.file}' holds something else than tensors by name")
+    chosen = {name.removeprefix(weights.part): named[name] for name in named if name.startswith(weights.part)}
+    return {_without_prefixes(name): value for name, value in chosen.items()}
+
+
+def _unpacked(content: bytes, file: str) -> Mapping[str, Any]:
+    try:
+        if file.endswith(SAFETENSORS):
+            return load_safetensors(content)
+        found = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
+    except pickle.UnpicklingError:
+        raise UnusableWeights(
+            f"'{file}' is a pickle that holds more than tensors, and opening it would run code of whoever wrote it; if "
+            "you trust it, convert it in a process of its own: load it with torch, save the tensors with "
+            "safetensors.torch.save_file, and name that file and its SHA-256"
+        ) from None
+    except (SafetensorError, RuntimeError, ValueError, EOFError, KeyError, AttributeError, TypeError) as error:
+        raise UnusableWeights(f"'{file}' cannot be read as weights: {printable(error)}") from None
+    if not isinstance(found, Mapping):
+        raise UnusableWeights(f"'{file}' holds something else than tensors by name")
+    return found
+
+
+def _without_prefixes(name: str) -> str:
+    for prefix in PREFIXES:
+        name = name.removeprefix(prefix)
+    return name
+
+
+def _fill(backbone: Backbone, tensors: Mapping[str, Tensor], file: str) -> None:
+    own, given = backbone.state_dict(), backbone.adapted(tensors)
+    differences = [
+        *_told("are missing", own.keys() - given.keys()),
+        *_told("belong elsewhere", given.keys() - own.keys()),
+        *_told(
+            "have another shape", {name for name in own.keys() & given.keys() if own[name].shape != given[name].shape}
+        ),
+    ]
+    if differences:
+        raise UnusableWeights(
+            f"'{file}' holds the weights of another network than {backbone.config.described()}: "
+            f"{', '.join(differences)}"
+        )
+    if broken := next((name for name in given if not bool(given[name].isfinite().all())), None):
+        raise UnusableWeights(f"'{file}' cannot be used: '{printable(broken)}' holds numbers that are not finite")
+    backbone.load_state_dict(given)
+
+
+def _told(what: str, names: set[str]) -> list[str]:
+    return [f"{len(names)} {what} (e.g. '{printable(min(names))}')"] if names else []

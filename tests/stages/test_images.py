@@ -1,0 +1,150 @@
+"""From images to actions: columns become windows, windows a policy, and it is shown in rollouts what it has learned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.demonstration.ingestion import IngestionConfig
+from juicer.demonstration.log import write_log
+from juicer.errors import ArtifactError, InvalidObservation
+from juicer.policy.checkpoint import load_policy
+from juicer.policy.config import PolicyConfig
+from juicer.storage.dataset import read_dataset
+from juicer.storage.evaluations import read_evaluation
+from juicer.training.config import TrainingConfig
+from juicer.training.mixing import DatasetConfig
+from juicer.views import GazeCrop, View
+from stages.dataset import dataset
+from stages.evaluate import EvaluateConfig, evaluate
+from stages.ingest import ingest
+from stages.render import RenderConfig, render
+from stages.runtime.execution import perform_here
+from stages.runtime.machine import Machine
+from stages.runtime.session import Session
+from stages.train import TrainConfig, train
+
+GAZE = View(camera="front", crop=GazeCrop(), width=24, height=32)
+WRIST = View(camera="wrist", width=32, height=24)
+CNN = {"kind": "small_cnn"}
+POLICY = PolicyConfig.model_validate(
+    {
+        "horizons": {"obs": 2, "pred": 8, "action": 4},
+        "action_frame": "relative",
+        "observation": {
+            "body": {"kind": "proprioception"},
+            "eyes": {"kind": "images", "views": {"gaze": GAZE, "wrist": WRIST}, "backbone": CNN, "projection": 8},
+        },
+        "head": {"kind": "mlp", "width": 32, "blocks": 1},
+    }
+)
+TRAINING = TrainingConfig(
+    steps=6, batch_size=16, warmup_steps=2, validation_fraction=0.5, validate_every=3, report_every=2, save_every=2
+)
+TRAIN = TrainConfig(policy=POLICY, training=TRAINING)
+EVALUATE = EvaluateConfig(task="one_leg", randomness="low", episodes=3, max_steps=12)
+
+
+@dataclass(frozen=True)
+class Looking:
+    """What a policy that looks is made of."""
+
+    store: ArtifactStore
+    demonstrations: ArtifactRef
+    columns: tuple[ArtifactRef, ...]
+    dataset: ArtifactRef
+    checkpoint: ArtifactRef
+
+    def session(self, num_envs: int = 2) -> Session:
+        return Session(self.store, perform_here, machine=Machine(num_envs=num_envs))
+
+    def summary(self, ref):
+        return self.store.manifest(ref).summary
+
+
+@pytest.fixture(scope="module")
+def looking(drawing, tmp_path_factory, recording, second_recording):
+    folder = tmp_path_factory.mktemp("logs")
+    write_log(folder / "0.npz", recording)
+    write_log(folder / "1.npz", second_recording)
+    store = ArtifactStore(tmp_path_factory.mktemp("store"))
+    session = Session(store, perform_here)
+    demonstrations = ingest(session, files=(folder / "0.npz", folder / "1.npz"), config=IngestionConfig(task="one_leg"))
+    views = POLICY.learned_views
+    columns = tuple(render(session, episodes=demonstrations, config=RenderConfig(view=view)) for view in views)
+    mixed = dataset(session, episodes=(demonstrations,), columns=columns, config=DatasetConfig())
+    return Looking(store, demonstrations, columns, mixed, train(session, dataset=mixed, config=TRAIN))
+
+
+def test_a_policy_learns_from_the_images_of_its_views_and_says_so(looking):
+    summary = looking.summary(looking.checkpoint)
+    assert summary["observes"] == "images"
+    assert summary["drawn_by"] == [looking.summary(looking.columns[0])["drawn_by"]]
+    assert np.isfinite(summary["train/loss"])
+    assert np.isfinite(summary["validation/loss"])
+    assert {row.columns for row in read_dataset(looking.store.open(looking.dataset))} == {
+        tuple(ref.id for ref in looking.columns)
+    }
+
+
+def test_it_acts_alike_however_many_episodes_run_beside_it(looking):
+    policy = load_policy(looking.store.open(looking.checkpoint), "one_leg")
+    assert {spec.name for spec in policy.observations} == {"proprioception", GAZE.name, WRIST.name}
+    from juicer.rollout import rollout
+
+    seeds = range(3)
+    alone, together = (
+        list(rollout(policy, "one_leg", "low", seeds, num_envs=number, max_steps=12)) for number in (1, 3)
+    )
+    for one, other in zip(alone, together, strict=True):
+        np.testing.assert_array_equal(one.steps["action"], other.steps["action"])
+
+
+def test_its_evaluation_says_what_it_saw(looking):
+    evaluation = evaluate(looking.session(), checkpoint=looking.checkpoint, config=EVALUATE)
+    summary = looking.summary(evaluation)
+    assert summary["observes"] == "images"
+    assert summary["headline"].endswith("), from images")
+    assert "finding" not in summary
+    assert len(read_evaluation(looking.store.open(evaluation))) == 3
+
+
+def test_what_another_renderer_drew_is_told(looking, monkeypatch):
+    monkeypatch.setattr("stages.evaluate.gl_name", lambda: "another")
+    config = EVALUATE.model_copy(update={"episodes": 1})
+    evaluation = evaluate(looking.session(), checkpoint=looking.checkpoint, config=config)
+    drawn_by = looking.summary(looking.checkpoint)["drawn_by"][0]
+    told = f"it acted on images drawn by another, and had learned from those of {drawn_by}"
+    assert looking.summary(evaluation)["finding"] == told
+
+
+def test_a_dataset_without_the_images_of_a_view_is_refused(looking):
+    less = dataset(
+        looking.session(), episodes=(looking.demonstrations,), columns=looking.columns[:1], config=DatasetConfig()
+    )
+    with pytest.raises(ArtifactError, match=r"looks at wrist whole 32x24, and the dataset has no such images"):
+        train(looking.session(), dataset=less, config=TRAIN)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda image: image[:, :, 1:], r"must have shape \(1, 2, 32, 24, 3\)"),
+        (lambda image: image.astype(np.float32) * np.nan, "must be of type uint8, got float32"),
+        (None, "needs '"),
+    ],
+    ids=["another size", "NaN pixels", "another camera"],
+)
+def test_images_that_it_was_not_trained_with_are_refused(looking, rng, change, words):
+    policy = load_policy(looking.store.open(looking.checkpoint), "one_leg")
+    seen = {"proprioception": np.zeros((1, 2, 16), np.float32)}
+    for view in (GAZE, WRIST):
+        seen[view.name] = np.zeros((1, 2, view.height, view.width, 3), np.uint8)
+    gaze = seen.pop(GAZE.name)
+    other = {GAZE.name: change(gaze)} if change else {View(camera="front").name: gaze}
+    with pytest.raises(InvalidObservation, match=words):
+        policy.predict(seen | other, [rng])
