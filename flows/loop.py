@@ -21,8 +21,8 @@ from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import collect
 from stages.dataset import dataset
-from stages.estimate import EstimateConfig, estimate
 from stages.encode import EncodeConfig, encode
+from stages.estimate import EstimateConfig, estimate
 from stages.evaluate import evaluate
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise

@@ -7,6 +7,7 @@ from juicer.config import Seed, StrictConfig
 from juicer.displacements import Displacements
 from juicer.policy.encoders.estimated.config import EstimatedConfig
 from juicer.storage.annotations import read_annotations
+from juicer.storage.columns import DRAWN_BY
 from juicer.storage.curves import CurveWriter
 from juicer.storage.episodes import EpisodeReader
 from juicer.tasks.registry import get_task
@@ -73,4 +74,10 @@ def estimate(context: StageContext, *, episodes: ArtifactRef, annotations: Artif
     )
     save_estimator(context.draft.path, learned.estimator, task.name)
     curves.finish(context.draft.path)
-    context.draft.summary |= {"task": task.name, "states": estimator.states, "steps": estimator.steps, **learned.facts}
+    context.draft.summary |= {
+        "task": task.name,
+        "states": estimator.states,
+        "steps": estimator.steps,
+        DRAWN_BY: sorted({each.drawn_by for each in lessons.values()}),
+        **learned.facts,
+    }

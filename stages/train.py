@@ -101,7 +101,8 @@ def train(
         **_sizes(trained.use),
         **trained.facts,
     }
-    drawn_by = context.store.manifest(dataset).summary.get(DRAWN_BY, []) if encoders.sees_images else []
+    seen = (dataset, *estimators) if encoders.sees_images else ()
+    drawn_by = sorted({each for ref in seen for each in context.store.manifest(ref).summary.get(DRAWN_BY, [])})
     if drawn_by:
         context.draft.summary[DRAWN_BY] = drawn_by
     findings = [*trained.losses, *_mixture(drawn_by)]

@@ -55,10 +55,11 @@ def draw_lessons(
     needed = total * sum(view.width * view.height * 3 for view in views)
     require_room(folder, needed, f"the images of {total:,} displaced states")
     scenes = _Remembered(displaced(reader, chosen.steps, displacements, seed), BATCH)
-    task, drawn = reader.records[0].task, {}
+    task, drawn, drawn_by = reader.records[0].task, {}, ""
     for number, view in enumerate(views):
         images = np.memmap(folder / view.name, np.uint8, "w+", shape=(total, view.height, view.width, 3))
         with DrawingProcesses(task, view, workers) as processes:
+            drawn_by = processes.gl
             for batch, found in enumerate(processes.draw(scenes.batches())):
                 done = min((batch + 1) * BATCH, total)
                 images[batch * BATCH : done] = found
@@ -71,6 +72,7 @@ def draw_lessons(
             "part_poses": np.stack([scene.part_poses for scene in scenes.all]),
         },
         critical_states=chosen.critical_states,
+        drawn_by=drawn_by,
     )
 
 

@@ -104,10 +104,12 @@ def test_a_killed_training_goes_on_to_the_same_weights(tmp_path, monkeypatch):
 def test_of_several_pairs_one_is_chosen_and_never_a_blend():
     estimator = build_estimator(configuration(), spec(num_pairs=3), seed=0)
     shown = lessons(8)
-    estimates = estimator({
-        "proprioception": torch.from_numpy(shown.observations["proprioception"]),
-        VIEW.name: torch.from_numpy(shown.images[VIEW.name].copy()),
-    })
+    estimates = estimator(
+        {
+            "proprioception": torch.from_numpy(shown.observations["proprioception"]),
+            VIEW.name: torch.from_numpy(shown.images[VIEW.name].copy()),
+        }
+    )
     which = estimates[:, -2:]
     assert ((which == 0) | (which == 1)).all()
     assert (which.sum(dim=-1) <= 1).all()

@@ -41,9 +41,7 @@ def test_a_held_part_moves_with_the_gripper(insertions):
     episode = insertions[0]
     before, scene = displaced(episode, HELD_STEP), displaced(episode, HELD_STEP, gripper_m=0.05, gripper_rad=0.3)
     assert distance_mm(scene.proprioception.astype(float), before.proprioception.astype(float)) > 5
-    as_before, as_now = (
-        np.linalg.norm(poses(each)[LEG, :3] - each.proprioception[:3]) for each in (before, scene)
-    )
+    as_before, as_now = (np.linalg.norm(poses(each)[LEG, :3] - each.proprioception[:3]) for each in (before, scene))
     assert as_now == pytest.approx(as_before, abs=1e-5)
     np.testing.assert_array_equal(poses(scene)[:LEG], poses(before)[:LEG])
 
@@ -55,8 +53,9 @@ def test_it_slips_a_little_in_the_gripper(insertions):
 
 
 def test_what_stands_in_a_part_moves_along_with_it(insertions):
-    before, scene = displaced(insertions[0], INSERTED_STEP), displaced(
-        insertions[0], INSERTED_STEP, base_m=0.05, base_rad=0.5
+    before, scene = (
+        displaced(insertions[0], INSERTED_STEP),
+        displaced(insertions[0], INSERTED_STEP, base_m=0.05, base_rad=0.5),
     )
     assert distance_mm(poses(scene)[TOP], poses(before)[TOP]) > 5
     leg_in_top = [relative_pose(poses(each)[TOP], poses(each)[LEG]) for each in (before, scene)]
@@ -64,8 +63,9 @@ def test_what_stands_in_a_part_moves_along_with_it(insertions):
 
 
 def test_parts_on_the_table_stay_on_it(insertions):
-    before, scene = displaced(insertions[0], HELD_STEP), displaced(
-        insertions[0], HELD_STEP, base_m=0.05, base_rad=0.5, part_m=0.05, part_rad=0.5
+    before, scene = (
+        displaced(insertions[0], HELD_STEP),
+        displaced(insertions[0], HELD_STEP, base_m=0.05, base_rad=0.5, part_m=0.05, part_rad=0.5),
     )
     np.testing.assert_allclose(poses(scene)[:LEG, 2], poses(before)[:LEG, 2], atol=1e-6)
     up = [quat_to_matrix(poses(each)[:LEG, 3:])[:, 2] for each in (before, scene)]

@@ -60,7 +60,9 @@ def test_lessons_are_what_a_state_policy_is_shown(tasks, lessons):
     encoders = Encoders(POLICY, tasks)
     for each in (state, encoders):
         each.fit(lessons)
-    torch.testing.assert_close(encoders.prepare_lessons(lessons)["state"], state.prepare(lessons)["state"], rtol=0, atol=0)
+    torch.testing.assert_close(
+        encoders.prepare_lessons(lessons)["state"], state.prepare(lessons)["state"], rtol=0, atol=0
+    )
 
 
 def test_estimates_go_through_the_policys_own_limits_and_clip(tasks, lessons, estimator):

@@ -26,9 +26,9 @@ class EstimatorConfig(StrictConfig):
                 width=128,
                 height=64,
             ),
-            "gaze": View(camera="front", crop=GazeCrop()),
+            "gaze": View(camera="front", crop=GazeCrop(reach_m=0.06, below_m=0.04)),
             # Its lowest seventh shows nothing but the hand.
-            "wrist": View(camera="wrist", crop=StaticCrop(bottom=0.86), supersampling=2),
+            "wrist": View(camera="wrist", crop=StaticCrop(bottom=0.85), supersampling=2),
         },
         min_length=1,
         max_length=MOST_VIEWS,

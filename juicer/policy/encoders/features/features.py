@@ -94,7 +94,7 @@ class SeenPair(NamedTuple):
 
 
 def read_pair(features: Tensor, config: FeaturesConfig) -> SeenPair:
-    """Read features ``(..., F)`` back, each coordinate of an offset from the finest copy that does not saturate there."""
+    """Read features ``(..., F)`` back, each coordinate of an offset from its finest copy that does not saturate."""
     numbers, shape = features[..., PROPRIOCEPTION_SIZE:], features.shape[:-1]
     # Of five poses, the last three; each is an offset and a rotation.
     poses = numbers[..., 18:45].reshape(*shape, 3, 9)
