@@ -68,7 +68,6 @@ def train(
     """
     from juicer.policy.checkpoint import save_checkpoint  # torch takes seconds to import
     from juicer.policy.encoder import outline
-    from juicer.policy.encoders.estimated.files import load_estimator
     from juicer.training.trainer import train as train_policy
 
     rows = read_dataset(context.store.open(dataset, "dataset"))
@@ -84,7 +83,7 @@ def train(
         tasks,
         config.training,
         seed=config.seed,
-        estimators=[load_estimator(context.store.open(each, "estimator")) for each in estimators],
+        estimators=[context.store.open(each, "estimator") for each in estimators],
         images=unpack_images(groups, encoders.lesson_images, context.draft.scratch / "images", context.progress),
         scratch=context.draft.scratch / "state",
         device=context.machine.device,

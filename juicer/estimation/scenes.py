@@ -16,7 +16,7 @@ from juicer.seeding import stream
 from juicer.storage.annotations import Annotation
 from juicer.storage.episodes import EpisodeReader
 
-NEAR_STEPS = 40
+NEAR_STEPS = 20
 """Steps before and after a critical state that count as around it."""
 MEASURED_STEPS = 8
 """Steps before and after it over which errors are measured."""

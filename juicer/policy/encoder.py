@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
+from pathlib import Path
 from typing import Any, ClassVar
 
 import torch
@@ -48,11 +49,12 @@ class ObservationEncoder(nn.Module, ABC):
         """What it is shown in training: what it sees, unless it learns from what nobody sees when acting."""
         return self.observations
 
-    def take_over(self, learned: Sequence[nn.Module]) -> None:
-        """Take what it needs of networks that have learned before; most need none.
+    def take_estimators(self, folders: Sequence[Path]) -> None:
+        """Take the estimators that it needs; most encoders need none.
 
         Raises:
-            ConfigError: If what it needs is not among them.
+            ConfigError: If one is not in any of the folders.
+            InvalidCheckpoint: If a folder holds no estimator, or a damaged one.
         """
 
     @abstractmethod
@@ -134,10 +136,10 @@ class Encoders(nn.Module):
         told = {"images": images, "state": poses, "proprioception": not (images or poses), "poses in training": taught}
         return ", ".join(what for what, is_so in told.items() if is_so)
 
-    def take_over(self, learned: Sequence[nn.Module]) -> None:
+    def take_estimators(self, folders: Sequence[Path]) -> None:
         """See :class:`ObservationEncoder`."""
         for _, encoder in self.items():
-            encoder.take_over(learned)
+            encoder.take_estimators(folders)
 
     def fit(self, observations: Mapping[str, Tensor]) -> None:
         """See :class:`ObservationEncoder`."""

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 
 from juicer.errors import ConfigError, TrainingFailed
 from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetadata
@@ -66,7 +66,7 @@ def train(
     *,
     seed: int,
     images: Mapping[str, NDArray[np.uint8]] | None = None,
-    estimators: Sequence[nn.Module] = (),
+    estimators: Sequence[Path] = (),
     scratch: Path | None = None,
     device: str = "cpu",
     weights: Path = DEFAULT_FOLDER,
@@ -83,7 +83,7 @@ def train(
         seed: Decides initial weights, split, order and noise.
         images: Images ``(S, H, W, 3)`` at all steps of the episodes, one after another, by name; those of the views
             that the policy looks at.
-        estimators: Networks that have learned before, for encoders that need one.
+        estimators: Folders of estimators, for encoders that need some.
         scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
             training continues from it, bit for bit on a CPU.
         device: Torch device; a fact about the machine, not part of what is trained.
@@ -105,7 +105,7 @@ def train(
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
         network = build_policy(policy, tasks, torch_seed(seed, "weights"))
-        network.encoders.take_over(estimators)
+        network.encoders.take_estimators(estimators)
         network.to(torch_device)
         pretrained = load_pretrained(network, weights)
         windows = window_sources(episodes, (learned, held_out), network, config, seed, torch_device)

@@ -7,7 +7,7 @@ import pytest
 
 from juicer.displacements import Displacements
 from juicer.estimation.perturbation import Perturbation
-from juicer.geometry import relative_pose, rotation_angle, quat_to_matrix
+from juicer.geometry import quat_to_matrix, relative_pose, rotation_angle
 from juicer.seeding import stream
 from juicer.sim.env import AssemblyEnv
 from juicer.tasks.registry import TASK_NAMES

@@ -30,6 +30,15 @@ def lessons(observe):
     return {name: torch.from_numpy(values)[:, None] for name, values in observe(6).items()}
 
 
+def kept(folder, *estimators):
+    """Folders that hold them."""
+    folders = [folder / str(number) for number in range(len(estimators))]
+    for each, estimator in zip(folders, estimators, strict=True):
+        each.mkdir()
+        save_estimator(each, estimator, "toy")
+    return folders
+
+
 @pytest.fixture
 def estimator(spec, lessons):
     from juicer.policy.encoders.features.features import state_features
@@ -65,9 +74,9 @@ def test_lessons_are_what_a_state_policy_is_shown(tasks, lessons):
     )
 
 
-def test_estimates_go_through_the_policys_own_limits_and_clip(tasks, lessons, estimator):
+def test_estimates_go_through_the_policys_own_limits_and_clip(tmp_path, tasks, lessons, estimator):
     encoders = Encoders(POLICY, tasks)
-    encoders.take_over([estimator])
+    encoders.take_estimators(kept(tmp_path, estimator))
     encoders.fit(lessons)
     shown = {"proprioception": lessons["proprioception"], **images()}
     seen = encoders.prepare(shown)["state"]
@@ -84,10 +93,12 @@ def test_the_estimator_is_no_part_of_what_is_learned(tasks):
     assert not network.train().encoders.members[0].estimators.training
 
 
-def test_a_policy_of_several_tasks_has_an_estimator_for_each(spec, lessons):
+def test_a_policy_of_several_tasks_has_an_estimator_for_each(tmp_path, spec, lessons):
     tasks = {"toy": spec, "other": spec.model_copy(update={"mounted_m": 0.01})}
     encoders = Encoders(POLICY, tasks)
-    encoders.take_over([build_estimator(CONFIG, spec, seed) for seed, spec in enumerate(tasks.values())])
+    encoders.take_estimators(
+        kept(tmp_path, *(build_estimator(CONFIG, spec, seed) for seed, spec in enumerate(tasks.values())))
+    )
     encoders.fit({**lessons, "task": torch.arange(6).remainder(2).reshape(6, 1, 1).float()})
     first, second = (
         encoders.prepare({"proprioception": lessons["proprioception"], **images(), "task": torch.full((6, 1, 1), task)})
@@ -96,20 +107,20 @@ def test_a_policy_of_several_tasks_has_an_estimator_for_each(spec, lessons):
     assert not torch.equal(first["state"], second["state"])
 
 
-def test_without_an_estimator_it_says_how_to_make_one(tasks, spec):
+def test_without_an_estimator_it_says_how_to_make_one(tmp_path, tasks, spec):
     encoders = Encoders(POLICY, tasks)
     larger = CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update={"width": 32})})
-    with pytest.raises(ConfigError, match="poses of toy from images, and no estimator .* stage 'estimate'"):
-        encoders.take_over([build_estimator(larger, spec, seed=0)])
+    with pytest.raises(ConfigError, match=r"poses of toy from images, and no estimator .* stage 'estimate'"):
+        encoders.take_estimators(kept(tmp_path, build_estimator(larger, spec, seed=0)))
 
 
 def test_a_checkpoint_acts_without_anything_beside_it(tmp_path, tasks, lessons, estimator):
     network = build_policy(POLICY, tasks, seed=0)
-    network.encoders.take_over([estimator])
+    network.encoders.take_estimators(kept(tmp_path, estimator))
     network.encoders.fit(lessons)
     metadata = CheckpointMetadata(policy=POLICY, tasks=tasks, acting_weights="raw", step=1)
-    save_checkpoint(tmp_path, Checkpoint(metadata, network.state_dict(), None))
-    policy = load_checkpoint(tmp_path).policy("toy")
+    save_checkpoint(tmp_path / "checkpoint", Checkpoint(metadata, network.state_dict(), None))
+    policy = load_checkpoint(tmp_path / "checkpoint").policy("toy")
     shown = {"proprioception": lessons["proprioception"], **images()}
     seen = policy._network.encoders.prepare(shown)["state"]
     torch.testing.assert_close(seen, network.encoders.prepare(shown)["state"], rtol=0, atol=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import ClassVar, Self
 
 from torch import Tensor, nn
@@ -12,6 +13,7 @@ from juicer.errors import ConfigError
 from juicer.policy.encoder import ObservationEncoder
 from juicer.policy.encoders.estimated.config import EstimatedConfig
 from juicer.policy.encoders.estimated.estimator import Estimator
+from juicer.policy.encoders.estimated.files import load_estimator
 from juicer.policy.encoders.features.network import FeatureEncoder
 from juicer.policy.tasks import Tasks
 
@@ -40,15 +42,12 @@ class EstimatedEncoder(ObservationEncoder):
         """Proprioception and true poses; no image."""
         return self.features.observations
 
-    def take_over(self, learned: Sequence[nn.Module]) -> None:
-        """Take the estimator of every task.
-
-        Raises:
-            ConfigError: If one of them is missing.
-        """
+    def take_estimators(self, folders: Sequence[Path]) -> None:
+        """Take the estimator of every task; see :class:`juicer.policy.encoder.ObservationEncoder`."""
+        given = [load_estimator(folder) for folder in folders]
         for task, place in zip(self.tasks, self.estimators, strict=True):
             assert isinstance(place, Estimator)
-            found = [each for each in learned if isinstance(each, Estimator) and each.is_like(place)]
+            found = [each for each in given if each.is_like(place)]
             if not found:
                 raise ConfigError(
                     f"the policy estimates the poses of {task} from images, and no estimator of this configuration and "
