@@ -79,5 +79,8 @@ def estimate(context: StageContext, *, episodes: ArtifactRef, annotations: Artif
         "states": estimator.states,
         "steps": estimator.steps,
         DRAWN_BY: sorted({each.drawn_by for each in lessons.values()}),
-        **learned.facts,
+        "train/loss": learned.loss,
+        "validation/loss": learned.errors.loss,
+        "error_mm": dict(learned.errors.error_mm),
+        "error_deg": dict(learned.errors.error_deg),
     }

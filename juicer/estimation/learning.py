@@ -37,16 +37,34 @@ _BASE, _PART, _IN_TARGET = range(3)
 
 
 @dataclass(frozen=True)
+class Errors:
+    """How far an estimator is off.
+
+    Attributes:
+        loss: Over all scenes.
+        error_mm: By name of a critical state, the mean distance at the scenes close to it between where a part is and
+            where it seems to be: one that is grasped as seen from the gripper, one that is inserted from its target.
+        error_deg: Likewise, the mean angle between its axis and what seems to be it.
+    """
+
+    loss: float
+    error_mm: Mapping[str, float]
+    error_deg: Mapping[str, float]
+
+
+@dataclass(frozen=True)
 class Learned:
     """What an estimator has learned.
 
     Attributes:
         estimator: With averaged weights.
-        facts: Losses and errors; see :func:`measure`.
+        loss: At the end, of the scenes that it learned from.
+        errors: On those that were held out.
     """
 
     estimator: Estimator
-    facts: Mapping[str, float]
+    loss: float
+    errors: Errors
 
 
 def learn(
@@ -84,8 +102,8 @@ def learn(
     with compute_settings(estimator.config.estimator.threads, "medium"):
         loop = _Loop(estimator, lessons, torch_device, seed)
         loss = loop.run(identity, scratch, progress, metrics or NullMetricSink())
-        facts = {"train/loss": loss, **measure(loop.average, held_out, critical_states)}
-    return Learned(loop.average.cpu(), facts)
+        errors = measure(loop.average, held_out, critical_states)
+    return Learned(loop.average.cpu(), loss, errors)
 
 
 class _Loop:
@@ -175,16 +193,8 @@ class _Loop:
 
 
 @torch.inference_mode()
-def measure(
-    estimator: Estimator, lessons: Lessons, critical_states: Sequence[tuple[str, CriticalState]]
-) -> dict[str, float]:
-    """How far an estimator is off.
-
-    Returns:
-        ``validation/loss``, and for every critical state, at the scenes close to it, ``error_mm/NAME`` and
-        ``error_deg/NAME``: the mean distance between the estimated and the true position, and the mean angle between
-        the axes, of the part that is grasped as seen from the gripper, or is inserted as seen from its target.
-    """
+def measure(estimator: Estimator, lessons: Lessons, critical_states: Sequence[tuple[str, CriticalState]]) -> Errors:
+    """How far an estimator is off, over all scenes and close to each critical state."""
     device = estimator.normalizer.offset.device
     views = estimator.config.estimator.views.values()
     true = _true_features(estimator, lessons)
@@ -195,18 +205,18 @@ def measure(
         images = {view.name: torch.from_numpy(np.array(lessons.images[view.name][rows])).to(device) for view in views}
         estimates.append(estimator({"proprioception": proprioception[rows].to(device), **images}).cpu())
         loss += len(true[rows]) * float(estimator.compute_loss(list(images.values()), true[rows].to(device)))
-    facts = {"validation/loss": loss / max(len(lessons), 1)}
     features = estimator.config.features
     seen, truth = (read_pair(each, features) for each in (torch.cat(estimates), true))
     distance_m = (seen.offsets_m - truth.offsets_m).norm(dim=-1)
     angle_rad = torch.acos((seen.axes * truth.axes).sum(dim=-1).clamp(-1, 1))
+    error_mm, error_deg = {}, {}
     for index, (name, state) in enumerate(critical_states):
         close = torch.from_numpy(lessons.critical_states == index)
         if close.any():
             what = _IN_TARGET if isinstance(state, Insertion) else _BASE if state.part == 0 else _PART
-            facts[f"error_mm/{name}"] = 1000 * float(distance_m[close, what].mean())
-            facts[f"error_deg/{name}"] = float(angle_rad[close, what].rad2deg().mean())
-    return facts
+            error_mm[name] = 1000 * float(distance_m[close, what].mean())
+            error_deg[name] = float(angle_rad[close, what].rad2deg().mean())
+    return Errors(loss / max(len(lessons), 1), error_mm, error_deg)
 
 
 def _true_features(estimator: Estimator, lessons: Lessons) -> Tensor:

@@ -54,13 +54,10 @@ def learned(config, scratch=None, **changes):
 def test_it_learns_where_a_part_is():
     config = configuration(steps=400)
     before = measure(build_estimator(config, spec(), seed=0), lessons(32, seed=1), CRITICAL_STATES)
-    facts = learned(config).facts
-    assert facts["validation/loss"] < 0.2 * before["validation/loss"]
-    assert facts["error_mm/insert leg"] < 10
-    assert set(facts) == {
-        "train/loss", "validation/loss", "error_mm/grasp leg", "error_deg/grasp leg", "error_mm/insert leg",
-        "error_deg/insert leg",
-    }  # fmt: skip
+    errors = learned(config).errors
+    assert errors.loss < 0.2 * before.loss
+    assert errors.error_mm["insert leg"] < 10
+    assert set(errors.error_mm) == set(errors.error_deg) == {"grasp leg", "insert leg"}
 
 
 def test_a_true_estimate_has_no_error():
@@ -76,8 +73,8 @@ def test_a_true_estimate_has_no_error():
             return self.features
 
     shown = lessons(32)
-    facts = measure(Knowing(build_estimator(configuration(), spec(), seed=0), shown), shown, CRITICAL_STATES)
-    assert facts["error_mm/insert leg"] == facts["error_mm/grasp leg"] == 0
+    errors = measure(Knowing(build_estimator(configuration(), spec(), seed=0), shown), shown, CRITICAL_STATES)
+    assert set(errors.error_mm.values()) == {0}
 
 
 def test_a_killed_training_goes_on_to_the_same_weights(tmp_path, monkeypatch):

@@ -75,8 +75,8 @@ def test_it_tells_its_error_at_every_critical_state(session, estimator):
     facts = session.store.manifest(estimator).summary
     assert facts["task"] == "one_leg"
     assert facts["states"] == 70
-    assert facts["error_mm/insert leg"] > 0
-    assert facts["error_deg/insert leg"] > 0
+    assert facts["error_mm"]["insert leg"] > 0
+    assert facts["error_deg"]["insert leg"] > 0
     assert facts["validation/loss"] > 0
 
 
