@@ -19,6 +19,8 @@ from juicer.views import View
 
 BATCH = 64
 """Scenes that a process draws at a time."""
+DONE_FILE = "scenes.npz"
+"""Written last: what is true of the scenes whose images are all there."""
 
 
 def draw_lessons(
@@ -39,7 +41,7 @@ def draw_lessons(
         chosen: Which of their steps.
         displacements: How far things are displaced.
         views: What is drawn of each.
-        folder: Where the files of images go. What is there already is drawn again.
+        folder: Where the files of images go. If all of them are there already, they are taken as they are.
         seed: Decides the displacements.
         workers: Processes that draw.
         progress: Called with the images that are drawn.
@@ -51,6 +53,8 @@ def draw_lessons(
         StoreNotWritable: If the disk has too little room.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    if (folder / DONE_FILE).exists():
+        return _drawn_before(folder, chosen, views)
     total = len(chosen.steps)
     needed = total * sum(view.width * view.height * 3 for view in views)
     require_room(folder, needed, f"the images of {total:,} displaced states")
@@ -65,15 +69,25 @@ def draw_lessons(
                 images[batch * BATCH : done] = found
                 progress(number * total + done, total * len(views))
         drawn[view.name] = images
-    return Lessons(
-        images=drawn,
-        observations={
-            "proprioception": np.stack([scene.proprioception for scene in scenes.all]),
-            "part_poses": np.stack([scene.part_poses for scene in scenes.all]),
-        },
-        critical_states=chosen.critical_states,
-        drawn_by=drawn_by,
-    )
+    observations = {
+        "proprioception": np.stack([scene.proprioception for scene in scenes.all]),
+        "part_poses": np.stack([scene.part_poses for scene in scenes.all]),
+    }
+    with (folder / DONE_FILE).open("wb") as file:
+        np.savez(file, allow_pickle=False, drawn_by=drawn_by, **observations)
+    return Lessons(drawn, observations, chosen.critical_states, drawn_by)
+
+
+def _drawn_before(folder: Path, chosen: ChosenSteps, views: Collection[View]) -> Lessons:
+    """What a run that was killed later has drawn."""
+    total = len(chosen.steps)
+    images = {
+        view.name: np.memmap(folder / view.name, np.uint8, "r", shape=(total, view.height, view.width, 3))
+        for view in views
+    }
+    with np.load(folder / DONE_FILE) as known:
+        observations = {name: known[name] for name in ("proprioception", "part_poses")}
+        return Lessons(images, observations, chosen.critical_states, str(known["drawn_by"]))
 
 
 class _Remembered:
