@@ -13,6 +13,9 @@ from juicer.policy.config import FeatureSpec, PairSpec
 from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
 from juicer.policy.encoders.estimated.estimator import build_estimator
 from juicer.policy.encoders.features.features import state_features
+from juicer.policy.feature_spec import feature_spec
+from juicer.sim.env import AssemblyEnv
+from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import Grasp, Insertion
 from juicer.views import View
 
@@ -110,3 +113,34 @@ def test_of_several_pairs_one_is_chosen_and_never_a_blend():
     which = estimates[:, -2:]
     assert ((which == 0) | (which == 1)).all()
     assert (which.sum(dim=-1) <= 1).all()
+
+
+@pytest.mark.parametrize("task", TASK_NAMES)
+def test_the_features_of_every_task_are_estimated_in_their_places(task):
+    env = AssemblyEnv(task)
+    observations = [env.reset(seed=seed)[0] for seed in range(4)]
+    shown = {name: torch.from_numpy(np.stack([each[name] for each in observations])) for name in observations[0]}
+    config = configuration()
+    estimator = build_estimator(config, feature_spec(task), seed=0)
+    features = state_features(shown, estimator.spec, config.features)
+    estimator.normalizer.fit(features)
+    images = torch.zeros(4, VIEW.height, VIEW.width, 3, dtype=torch.uint8)
+    estimates = estimator({"proprioception": shown["proprioception"], VIEW.name: images})
+    assert estimates.shape == features.shape
+    torch.testing.assert_close(estimates[:, :16], features[:, :16])
+    assert estimator.compute_loss([images], features).isfinite()
+
+
+def test_it_learns_which_pair_is_next():
+    choices = torch.arange(12).remainder(3)
+    which = torch.nn.functional.one_hot(choices, 3)[:, 1:].float()
+    estimator = build_estimator(configuration(), spec(num_pairs=3), seed=0)
+    features = torch.cat([torch.zeros(12, estimator.normalizer.offset.shape[0] - 2), which], dim=-1)
+    images = (120 * choices[:, None, None, None]).expand(12, 16, 16, 3).to(torch.uint8)
+    optimizer = torch.optim.AdamW(estimator.parameters(), lr=1e-2)
+    for _ in range(60):
+        optimizer.zero_grad()
+        estimator.compute_loss([images], features).backward()
+        optimizer.step()
+    estimates = estimator({"proprioception": features[:, :16], VIEW.name: images})
+    torch.testing.assert_close(estimates[:, -2:], which)
