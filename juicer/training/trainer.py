@@ -114,23 +114,27 @@ def train(
         loop = _Loop(learner, windows, config, order, metrics or NullMetricSink())
         identity = training_identity(episodes, _settings(policy, tasks, config, seed))
         facts = loop.run(identity, scratch, progress)
-    metadata = CheckpointMetadata(
-        schema_version=SCHEMA_VERSION,
-        policy=policy,
-        tasks=dict(tasks),
-        acting_weights="raw" if learner.ema is None else "ema",
-        step=config.steps,
-    )
-    ema = None if learner.ema is None else _on_cpu(learner.ema)
     machine = {"device": torch_device.type, "precision": learner.precision}
     if pretrained:
         machine["pretrained"] = ", ".join(f"{each.file} ({each.licence})" for each in pretrained)
     return TrainedCheckpoint(
-        checkpoint=Checkpoint(metadata, _on_cpu(network), ema),
+        checkpoint=_checkpoint(learner, config.steps),
         facts={**machine, **facts},
         use=use,
         losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
     )
+
+
+def _checkpoint(learner: Learner, step: int) -> Checkpoint:
+    network, ema = learner.network, learner.ema
+    metadata = CheckpointMetadata(
+        schema_version=SCHEMA_VERSION,
+        policy=network.config,
+        tasks=dict(network.tasks),
+        acting_weights="raw" if ema is None else "ema",
+        step=step,
+    )
+    return Checkpoint(metadata, _on_cpu(network), None if ema is None else _on_cpu(ema))
 
 
 def cut_sides(
