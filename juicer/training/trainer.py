@@ -104,25 +104,27 @@ def train(
     check_use(use, policy.horizons, config.windows.back_padding)
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
-        network = build_policy(policy, tasks, torch_seed(seed, "weights"))
-        network.encoders.take_estimators(estimators)
-        network.to(torch_device)
-        pretrained = load_pretrained(network, weights)
+        network = build_policy(policy, tasks, torch_seed(seed, "weights")).to(torch_device)
+        beginning = _begin(network, estimators, weights)
         windows = window_sources(episodes, (learned, held_out), network, config, seed, torch_device)
         learner = Learner(network, config, seed, torch_device)
         order = BatchOrder(len(windows.learned), config.batch_size, seed, window_weights(episodes, learned))
         loop = _Loop(learner, windows, config, order, metrics or NullMetricSink())
         identity = training_identity(episodes, _settings(policy, tasks, config, seed))
         facts = loop.run(identity, scratch, progress)
-    machine = {"device": torch_device.type, "precision": learner.precision}
-    if pretrained:
-        machine["pretrained"] = ", ".join(f"{each.file} ({each.licence})" for each in pretrained)
     return TrainedCheckpoint(
         checkpoint=_checkpoint(learner, config.steps),
-        facts={**machine, **facts},
+        facts={"device": torch_device.type, "precision": learner.precision, **beginning, **facts},
         use=use,
         losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
     )
+
+
+def _begin(network: PolicyNetwork, estimators: Sequence[Path], weights: Path) -> dict[str, str]:
+    """Put into a network what others have learned; facts about that."""
+    network.encoders.take_estimators(estimators)
+    pretrained = load_pretrained(network, weights)
+    return {"pretrained": ", ".join(f"{each.file} ({each.licence})" for each in pretrained)} if pretrained else {}
 
 
 def _checkpoint(learner: Learner, step: int) -> Checkpoint:
