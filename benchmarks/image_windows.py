@@ -105,7 +105,7 @@ def stored(folder: Path, views: Mapping[str, View], steps: int) -> TrainingEpiso
     volume = sum(images.nbytes for images in unpacked.values())
     print(f"unpacking: {volume / 1e6 / spent:,.0f} MB/s of CPU")
     read = read_episodes(reader, rows, {"toy": SPEC}, ["proprioception"])
-    return dataclasses.replace(read, images=unpacked)
+    return dataclasses.replace(read, observations={**read.observations, **unpacked})
 
 
 def demonstration() -> Episode:

@@ -16,6 +16,7 @@ from juicer.evaluation import ConditionResult
 from juicer.reporting.comparison import ReportRow, condition_results
 from juicer.reporting.content import EpisodeVideo
 from juicer.reporting.report import configuration_text, gather
+from juicer.reporting.varied_images import varied_images
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.evaluations import EXAMPLES, read_evaluation
 from stages.runtime.context import StageContext
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 PAGE = "report.html"
 CONFIGURATION = "configuration.yaml"
+VARIED = "augmented_images"
+"""Name of the figure that shows how images were varied in training, if they were."""
 
 
 class ReportConfig(StrictConfig):
@@ -77,6 +80,8 @@ def report(context: StageContext, *, evaluations: tuple[ArtifactRef, ...], confi
         links=config.links,
     )
     write_page(data, context.draft.path / PAGE)
+    for number, figure in enumerate(varied_images(context.store, evaluations)):
+        (context.draft.path / f"{VARIED}{number or ''}.png").write_bytes(figure)
     if config.configuration:
         (context.draft.path / CONFIGURATION).write_text(configuration_text(config.configuration), encoding="utf-8")
     best = max(results, key=lambda row: row.average)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Self
 
 from pydantic import Field, model_validator
@@ -23,6 +24,7 @@ from juicer.text import printable
 from juicer.training.config import TrainingConfig
 from juicer.training.images import Chosen, unpack_images
 from juicer.training.reading import read_episodes
+from juicer.training.windows import concatenate
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
 
@@ -75,16 +77,18 @@ def train(
     # In the order of the registry, which gives tasks their numbers; one that is not there is refused.
     tasks = {name: feature_spec(name) for name in sorted(shown, key=[*TASK_NAMES, *shown].index)}
     encoders = outline(config.policy, tasks)
+    names = [spec.name for spec in encoders.lesson_numbers]
     groups = [Chosen(_open(context.store, group), group) for group in grouped(rows)]
     curves = CurveWriter(context.draft.scratch, context.metrics)
+    episodes = concatenate([read_episodes(*group, tasks, names) for group in groups])
+    images = unpack_images(groups, encoders.lesson_images, context.draft.scratch / "images", context.progress)
     trained = train_policy(
-        [read_episodes(*group, tasks, [spec.name for spec in encoders.lesson_numbers]) for group in groups],
+        [replace(episodes, observations={**episodes.observations, **images})],
         config.policy,
         tasks,
         config.training,
         seed=config.seed,
         estimators=[context.store.open(each, "estimator") for each in estimators],
-        images=unpack_images(groups, encoders.lesson_images, context.draft.scratch / "images", context.progress),
         scratch=context.draft.scratch / "state",
         device=context.machine.device,
         weights=context.machine.weights,

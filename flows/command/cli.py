@@ -275,11 +275,16 @@ def replay(
 
 
 @app.command()
-def doctor(as_json: AsJson = False) -> None:
+def doctor(
+    encoders: Annotated[
+        bool, typer.Option("--encoders", help="List encoders instead: their weights, where they are or come from.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
     """Examine this machine, and say what to do where something stands in juicer's way."""
-    from flows.command.doctor import examine_machine
+    from flows.command.doctor import examine_machine, show_encoders
 
-    examine_machine(as_json)
+    (show_encoders if encoders else examine_machine)(as_json)
 
 
 @app.command()

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from prefect.artifacts import create_markdown_artifact, create_table_artifact
+import base64
+
+from prefect.artifacts import create_image_artifact, create_markdown_artifact, create_table_artifact
 from prefect.runtime import flow_run
 
 from flows.config import RunConfig
 from flows.running.context import expect, open_run
 from flows.running.execution import RunOutcome, execute
 from flows.running.flow_runs import held
-from flows.running.plan import plan
+from flows.running.plan import plan, require_weights
 from flows.running.runner import opener
 from flows.running.settings import read_settings
 from juicer.artifacts.store import ArtifactStore
+from stages.runtime.prefect_display import attempt
 from stages.runtime.prefect_task import PrefectPerformer
 
 
@@ -24,7 +27,10 @@ def run(config: RunConfig) -> RunOutcome:
         open_run(settings, config, PrefectPerformer(opener(settings))) as run_context,
     ):
         store = run_context.session.store
-        expect(run_context, plan(store, config))
+        planned = plan(store, config)
+        if not settings.cluster:  # whose machines have folders of their own
+            require_weights(planned, settings.machine.weights)
+        expect(run_context, planned)
         outcome = execute(run_context.session, config, run_context.tracking)
         _show(outcome, store)
         return outcome
@@ -44,6 +50,11 @@ def _show(outcome: RunOutcome, store: ArtifactStore) -> None:
         for row in outcome.results(store)
     ]
     create_table_artifact(table=rows, key="comparison", description="Success rates")
+    for figure in sorted(store.open(outcome.report).glob("*.png")) if outcome.report else ():
+        address = f"data:image/png;base64,{base64.b64encode(figure.read_bytes()).decode()}"
+        key = figure.stem.replace("_", "-")
+        told = "Images as policies see them when acting, and as they were varied in training"
+        attempt(create_image_artifact, image_url=address, key=key, description=told)
     if outcome.findings:
         lines = "\n".join(f"- {finding}" for finding in outcome.findings)
         create_markdown_artifact(markdown=lines, key="findings", description="Models that learned from too little")

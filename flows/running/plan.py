@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from flows.config import RunConfig
 from flows.running.execution import RunOutcome, run_models, write_report
@@ -11,7 +12,10 @@ from juicer.artifacts.explain import Explainer
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
+from juicer.config import models_in
 from juicer.errors import ConfigError, did_you_mean
+from juicer.policy.pretrained.config import Weights
+from juicer.policy.pretrained.files import read_weights_file
 from stages.runtime.session import Session
 from stages.runtime.stage import StageCall
 
@@ -63,6 +67,17 @@ def plan(store: ArtifactStore, config: RunConfig) -> list[PlannedCall]:
     if all(planned[model.evaluation.id].exists for model in models):
         write_report(session, config, RunOutcome(tuple(models), None))
     return list(planned.values())
+
+
+def require_weights(planned: Iterable[PlannedCall], folder: Path) -> None:
+    """Refuse a run that would lack a file of weights, before hours of work that lead there.
+
+    Raises:
+        UnusableWeights: If a call that is still to be made needs one that is missing or another one than meant.
+    """
+    needed = [model for each in planned if not each.exists for model in models_in(each.call.arguments)]
+    for weights in dict.fromkeys(model for model in needed if isinstance(model, Weights)):
+        read_weights_file(weights, folder)
 
 
 def is_complete(store: ArtifactStore, config: RunConfig) -> bool:

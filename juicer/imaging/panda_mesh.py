@@ -12,6 +12,7 @@ from pathlib import Path
 import mujoco
 
 from juicer.errors import ConfigError
+from juicer.text import printable
 
 PACKAGE, VERSION = "dm-robotics-panda", "0.4.8"
 _FOLDER = "dm_robotics/panda/assets/panda"
@@ -36,8 +37,13 @@ def has_panda_mesh() -> bool:
         return False
 
 
+def is_of_robot(geom: mujoco.MjsGeom) -> bool:
+    """Whether the meshes show what a geom of the physics stands for: a link, or the pedestal."""
+    return str(geom.parent.name).startswith(_ROBOT) or bool(geom.type == mujoco.mjtGeom.mjGEOM_CYLINDER)
+
+
 def add_panda_mesh(spec: mujoco.MjSpec) -> None:
-    """Replace the geometry of a scene's robot.
+    """Add the robot's meshes to the bodies of a scene.
 
     Raises:
         ConfigError: If the package is not installed.
@@ -47,9 +53,6 @@ def add_panda_mesh(spec: mujoco.MjSpec) -> None:
             f"the robot's mesh is in the package {PACKAGE} {VERSION}, which is not installed; "
             "install it with `make looks`, or draw the robot as primitives"
         )
-    for geom in list(spec.geoms):
-        if geom.parent.name.startswith(_ROBOT) or geom.type == mujoco.mjtGeom.mjGEOM_CYLINDER:
-            spec.delete(geom)
     texture = spec.add_texture(name=PACKAGE, type=mujoco.mjtTexture.mjTEXTURE_2D, file=_asset("panda.png"))
     material = spec.add_material(name=PACKAGE, specular=0.4, shininess=0.4)
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = texture.name
@@ -60,6 +63,14 @@ def add_panda_mesh(spec: mujoco.MjSpec) -> None:
             type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh, material=material.name, contype=0, conaffinity=0,
             quat=_HALF_TURN.get(body, (1.0, 0.0, 0.0, 0.0)),
         )  # fmt: skip
+
+
+def unreadable_panda_mesh(error: ValueError) -> ConfigError:
+    """What a user is told if a file is damaged, by MuJoCo's own reason."""
+    return ConfigError(
+        f"the robot's mesh cannot be read ({printable(error)}); remove {PACKAGE} with pip and install it again with "
+        "`make looks`, or draw the robot as primitives"
+    )
 
 
 def _asset(name: str) -> str:

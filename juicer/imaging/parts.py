@@ -7,10 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
-from itertools import pairwise
 
-from juicer.imaging.surfaces import SEGMENTS, Surface, ball, box, cone_wall, ridge
+from juicer.imaging.surfaces import SEGMENTS, Painted, Surface, ball, box, outlined, ridge
 from juicer.tasks.specification import Bore, Box, PartSpec, Peg, Shell, Vector
 
 _SMALLEST_BALL_M = 0.005
@@ -19,24 +17,13 @@ _INSIDE_SHADE, _THREAD_SHADE = 0.35, 0.6
 """Brightness of the inside of holes and of threads, so that both can be told from what is around them."""
 _LIFTED_M = 1e-4
 """A painted surface lies so far above the one it covers."""
-_LAYER_M = 5e-6
-"""Boxes of a part overlap; each is larger by this than the one before, so that it is decided which of them is seen."""
-
-Painted = tuple[Vector, Surface]
 
 
-def painted_surfaces(part: PartSpec) -> tuple[Painted, ...]:
-    """The visible surfaces of a part, one a colour."""
-    by_colour: dict[Vector, list[Surface]] = {}
-    for colour, surface in _surfaces(part):
-        by_colour.setdefault(colour, []).append(surface)
-    return tuple((colour, Surface.joined(surfaces)) for colour, surfaces in by_colour.items())
-
-
-def _surfaces(part: PartSpec) -> Iterator[Painted]:
+def painted_surfaces(part: PartSpec) -> Iterator[Painted]:
+    """All that is seen of a part, in its frame."""
     plain, inside, thread = part.rgb, _shaded(part.rgb, _INSIDE_SHADE), _shaded(part.rgb, _THREAD_SHADE)
-    for number, shape in enumerate(part.boxes):
-        yield plain, box(_grown(shape, number * _LAYER_M))
+    for shape in part.boxes:
+        yield plain, box(shape)
     for sphere in part.balls:
         if sphere.radius > _SMALLEST_BALL_M:
             yield plain, ball(sphere)
@@ -58,43 +45,42 @@ def _shaded(rgb: Vector, share: float) -> Vector:
     return red, green, blue
 
 
-def _grown(shape: Box, margin: float) -> Box:
-    x, y, z = (half + margin for half in shape.half_size)
-    return replace(shape, half_size=(x, y, z))
-
-
 def _shell(shell: Shell) -> Surface:
     low_inner, high_inner = (shell.bottom_radius, shell.bottom_y), (shell.top_radius, shell.top_y)
     low_outer = (shell.bottom_radius + shell.thickness, shell.bottom_y)
     high_outer = (shell.top_radius + shell.thickness, shell.top_y)
     outline = (low_inner, low_outer, high_outer, high_inner, low_inner)
-    return _outlined(outline, 2 * SEGMENTS)
+    return outlined(outline, 2 * SEGMENTS)
 
 
 def _peg(peg: Peg) -> Surface:
     flat, chamfer_y = peg.radius - _CHAMFER_M, peg.tip_y + _CHAMFER_M
-    return _outlined(((0, peg.tip_y), (flat, peg.tip_y), (peg.radius, chamfer_y), (peg.radius, peg.root_y)))
+    return outlined(((0, peg.tip_y), (flat, peg.tip_y), (peg.radius, chamfer_y), (peg.radius, peg.root_y)))
 
 
 def _tube(bore: Bore) -> Surface:
     """Its outside and both ends."""
     low_outer, high_outer = (bore.outer_radius, bore.bottom_y), (bore.outer_radius, bore.top_y)
     low_inner, high_inner = (bore.inner_radius, bore.bottom_y), (bore.inner_radius, bore.top_y)
-    return _outlined((low_inner, low_outer, high_outer, high_inner)).moved(*bore.center_xz)
+    return outlined((low_inner, low_outer, high_outer, high_inner)).placed(_beside(bore))
 
 
 def _hole(bore: Bore, boxes: tuple[Box, ...]) -> Surface:
     """Its inside, and where a box closes it, its ground."""
     radius = bore.inner_radius
-    surfaces = [cone_wall((radius, bore.top_y), (radius, bore.bottom_y))]
+    surfaces = [outlined(((radius, bore.top_y), (radius, bore.bottom_y)))]
     behind = [(y - half, y + half) for y, half in _crossing(bore.center_xz, boxes)]
     below = [high for _, high in behind if bore.bottom_y - _LIFTED_M < high < bore.top_y - _LIFTED_M]
     above = [low for low, _ in behind if bore.bottom_y + _LIFTED_M < low < bore.top_y + _LIFTED_M]
     if below:
-        surfaces.append(_outlined(((radius, max(below) + _LIFTED_M), (0, max(below) + _LIFTED_M))))
+        surfaces.append(outlined(((radius, max(below) + _LIFTED_M), (0, max(below) + _LIFTED_M))))
     elif above:
-        surfaces.append(_outlined(((0, min(above) - _LIFTED_M), (radius, min(above) - _LIFTED_M))))
-    return Surface.joined(surfaces).moved(*bore.center_xz)
+        surfaces.append(outlined(((0, min(above) - _LIFTED_M), (radius, min(above) - _LIFTED_M))))
+    return Surface.joined(surfaces).placed(_beside(bore))
+
+
+def _beside(bore: Bore) -> Vector:
+    return (bore.center_xz[0], 0.0, bore.center_xz[1])
 
 
 def _crossing(axis_xz: tuple[float, float], boxes: tuple[Box, ...]) -> Iterator[tuple[float, float]]:
@@ -104,8 +90,3 @@ def _crossing(axis_xz: tuple[float, float], boxes: tuple[Box, ...]) -> Iterator[
         cos, sin = math.cos(shape.yaw_rad), math.sin(shape.yaw_rad)
         if abs(cos * x - sin * z) < shape.half_size[0] and abs(sin * x + cos * z) < shape.half_size[2]:
             yield shape.center[1], shape.half_size[1]
-
-
-def _outlined(outline: tuple[tuple[float, float], ...], segments: int = SEGMENTS) -> Surface:
-    """What an outline of radii and heights sweeps around the axis, seen from the side on its right."""
-    return Surface.joined(cone_wall(start, end, segments) for start, end in pairwise(outline))

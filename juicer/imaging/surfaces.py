@@ -7,19 +7,21 @@ corners run counterclockwise.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from juicer.tasks.specification import Ball, Box, Thread
+from juicer.tasks.specification import Ball, Box, Thread, Vector
 
 Array = NDArray[np.float64]
 
-SEGMENTS = 24
+SEGMENTS = 20
 """Straight pieces of a turn around a peg or a hole; wide rings take twice as many."""
-_BEAD_SEGMENTS = 5
+_UNTURNED = np.eye(3)
+_BEAD_SEGMENTS = 4
 _BEAD_HALF_ARC = math.radians(100)
 """Of a bead's round section, what can stand out of the wall on which it lies."""
 
@@ -49,11 +51,18 @@ class Surface:
             np.concatenate([each.faces + start for each, start in zip(surfaces, starts, strict=True)]),
         )
 
-    def moved(self, x: float = 0.0, z: float = 0.0, yaw_rad: float = 0.0) -> Surface:
-        """Turned about the y axis, then moved."""
-        cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
-        turn = np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])
-        return Surface(self.vertices @ turn.T + (x, 0, z), self.normals @ turn.T, self.faces)
+    def grown(self, margin: float) -> Surface:
+        """Every point moved along its normal."""
+        return Surface(self.vertices + margin * self.normals, self.normals, self.faces)
+
+    def placed(self, position: ArrayLike, rotation: ArrayLike = _UNTURNED) -> Surface:
+        """Turned by a rotation matrix, then moved."""
+        turn = np.asarray(rotation, float).T
+        return Surface(self.vertices @ turn + np.asarray(position, float), self.normals @ turn, self.faces)
+
+
+Painted = tuple[Vector, Surface]
+"""A surface and its colour, each channel in [0, 1]."""
 
 
 def box(shape: Box) -> Surface:
@@ -66,18 +75,26 @@ def box(shape: Box) -> Surface:
             up = np.cross(normal, across)
             corners = [normal - across - up, normal + across - up, normal + across + up, normal - across + up]
             faces.append(Surface(np.array(corners) * shape.half_size, np.tile(normal, (4, 1)), _quad()))
-    x, y, z = shape.center
-    whole = Surface.joined(faces).moved(x, z, shape.yaw_rad)
-    # A box turns about its own middle.
-    return Surface(whole.vertices + np.array([0, y, 0]), whole.normals, whole.faces)
+    return Surface.joined(faces).placed(shape.center, yaw_matrix(shape.yaw_rad))
 
 
-def ball(shape: Ball, segments: int = 2 * SEGMENTS // 3) -> Surface:
+def ball(shape: Ball, segments: int = 2 * SEGMENTS) -> Surface:
     """A whole sphere."""
-    angles = np.linspace(-math.pi / 2, math.pi / 2, segments + 1)
-    profile = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    x, y, z = shape.center
-    return revolved(shape.radius * profile + (0, y), profile, 2 * segments).moved(x, z)
+    return capsule(shape.radius, 0.0, segments).placed(shape.center)
+
+
+def capsule(radius: float, half_length: float, segments: int = SEGMENTS) -> Surface:
+    """Cylinder along the y axis with half spheres at its ends."""
+    angles = np.linspace(0, math.pi / 2, segments // 5 + 1)
+    upper = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    normals = np.concatenate([upper[::-1] * (1, -1), upper])
+    heights = np.repeat([-half_length, half_length], len(upper))
+    return revolved(radius * normals + np.stack([0 * heights, heights], axis=1), normals, segments)
+
+
+def outlined(outline: Sequence[tuple[float, float]], segments: int = SEGMENTS) -> Surface:
+    """What an outline of radii and heights sweeps around the y axis, seen from the side on its right."""
+    return Surface.joined(_cone_wall(start, end, segments) for start, end in pairwise(outline))
 
 
 def revolved(profile: ArrayLike, normals: ArrayLike, segments: int = SEGMENTS) -> Surface:
@@ -97,7 +114,7 @@ def revolved(profile: ArrayLike, normals: ArrayLike, segments: int = SEGMENTS) -
     return _grid(vertices, directions)
 
 
-def cone_wall(bottom: tuple[float, float], top: tuple[float, float], segments: int = SEGMENTS) -> Surface:
+def _cone_wall(bottom: tuple[float, float], top: tuple[float, float], segments: int = SEGMENTS) -> Surface:
     """Wall between two circles, each given by radius and height, seen from outside if it rises, else from inside."""
     (low_radius, low), (high_radius, high) = bottom, top
     normal = np.array([high - low, low_radius - high_radius]) / math.hypot(high - low, low_radius - high_radius)
@@ -121,7 +138,7 @@ def ridge(thread: Thread) -> Surface:
     points = around(thread.helix_radius + thread.bead_radius * out, middle + thread.bead_radius * up)
     x, z = thread.center_xz
     ends = (_fan(points[0, ::-1]), _fan(points[-1]))
-    return Surface.joined([_grid(points, around(out, up)), *ends]).moved(x, z)
+    return Surface.joined([_grid(points, around(out, up)), *ends]).placed((x, 0, z))
 
 
 def _grid(vertices: Array, normals: Array) -> Surface:
@@ -144,6 +161,12 @@ def _fan(points: Array) -> Surface:
     numbers = np.arange(1, len(points) - 1)
     faces = np.stack([np.zeros_like(numbers), numbers, numbers + 1], axis=1)
     return Surface(points, np.tile(normal / np.linalg.norm(normal), (len(points), 1)), faces)
+
+
+def yaw_matrix(yaw_rad: float) -> Array:
+    """Turn about the y axis."""
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    return np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])
 
 
 def _quad() -> NDArray[np.int64]:

@@ -59,10 +59,12 @@ class BackboneConfig(MemberConfig):
     Attributes:
         pixel_mean: Of red, green and blue, in shares of full brightness: what is taken off before the network.
         pixel_std: What they are divided by then.
+        is_of_one_size: Whether what it has learned belongs to one size of image.
     """
 
     pixel_mean: ClassVar[Colour] = (0.485, 0.456, 0.406)
     pixel_std: ClassVar[Colour] = (0.229, 0.224, 0.225)
+    is_of_one_size: ClassVar[bool] = False
 
     weights: WeightsField | None = Field(
         default=None, description="what it starts from: published weights by name, or a file; random if empty"

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from filelock import FileLock
 from numpy.typing import NDArray
 
 from juicer.errors import ArtifactError
@@ -38,13 +39,15 @@ def unpack_images(
 ) -> dict[str, NDArray[np.uint8]]:
     """Images at all steps of some episodes, one after another: arrays ``(S, height, width, 3)`` by name.
 
+    Whoever trains the same, in other processes or after a kill, finds them unpacked.
+
     A memory that can hold them will: the system keeps there what it reads, and drops it when it needs the room. So no
     window costs a read from the disk, or each does, and the program is the same.
 
     Args:
         groups: The episodes.
         specs: Which images.
-        folder: Where the files go.
+        folder: Where the files go; it must be for these episodes alone.
         progress: Called with the share that is unpacked.
 
     Raises:
@@ -60,22 +63,39 @@ def unpack_images(
     for group in groups:
         _check(group.reader, specs)
     folder.mkdir(parents=True, exist_ok=True)
-    for old in folder.iterdir():
-        old.unlink()
-    require_room(folder, total * sum(sizes.values()), f"the images of {total:,} steps, unpacked for the training,")
-    unpacked: dict[str, NDArray[np.uint8]] = {}
-    for number, spec in enumerate(specs):
-        images = np.memmap(folder / spec.name, np.uint8, "w+", shape=(total, *_sizes(spec)))
-        done = 0
-        for group, each in zip(groups, spans, strict=True):
-            for span in each:
-                steps = span.stop - span.start
-                images[done : done + steps] = group.reader.steps(spec.name, span)
-                done += steps
-                share = (number + done / total) / len(specs)
-                progress(0, 0, unpacked_images=f"{share:.0%}")
-        unpacked[spec.name] = images
-    return unpacked
+    with FileLock(folder / "unpacking.lock"):
+        missing = [spec for spec in specs if not (folder / spec.name).exists()]
+        needed = total * sum(sizes[spec.name] for spec in missing)
+        require_room(folder, needed, f"the images of {total:,} steps, unpacked for the training,")
+        for number, spec in enumerate(missing):
+            _unpack(groups, spans, spec, folder, total, _part(progress, number, len(missing)))
+    return {spec.name: np.memmap(folder / spec.name, np.uint8, "c", shape=(total, *_sizes(spec))) for spec in specs}
+
+
+def _unpack(
+    groups: Sequence[Chosen],
+    spans: Sequence[Sequence[slice]],
+    spec: ImageSpec,
+    folder: Path,
+    total: int,
+    progress: Callable[[float], None],
+) -> None:
+    """Write the file of a view; under its name there is a whole one or none."""
+    draft = folder / f"{spec.name}.draft"
+    images = np.memmap(draft, np.uint8, "w+", shape=(total, *_sizes(spec)))
+    done = 0
+    for group, each in zip(groups, spans, strict=True):
+        for span in each:
+            steps = span.stop - span.start
+            images[done : done + steps] = group.reader.steps(spec.name, span)
+            done += steps
+            progress(done / total)
+    images.flush()
+    draft.replace(folder / spec.name)
+
+
+def _part(progress: Progress, number: int, count: int) -> Callable[[float], None]:
+    return lambda share: progress(0, 0, unpacked_images=f"{(number + share) / count:.0%}")
 
 
 def _spans(group: Chosen, longest: int) -> Iterator[slice]:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from juicer.errors import TrainingFailed
@@ -44,11 +42,11 @@ class WindowTable:
                 "raise windows.back_padding"
             )
         self._network = network
-        self._observations = {
-            name: torch.from_numpy(values).to(device) for name, values in _observed(network, episodes).items()
-        }
+        encoders = network.encoders
+        numbers = [spec.name for spec in encoders.lesson_numbers] + [TASK_KEY] * (len(network.tasks) > 1)
+        self._observations = {name: values.to(device) for name, values in _shown(episodes, numbers).items()}
         # They stay outside the device, and mostly outside the memory: a batch takes what it needs.
-        self._images = {name: torch.from_numpy(values) for name, values in _looked_at(network, episodes).items()}
+        self._images = _shown(episodes, [spec.name for spec in encoders.lesson_images])
         self._actions = torch.from_numpy(episodes.actions).to(device)
         self._obs_steps = torch.from_numpy(windows.obs_steps).to(device)
         self._action_steps = torch.from_numpy(windows.action_steps).to(device)
@@ -117,24 +115,16 @@ def _rows(arrays: Mapping[str, Tensor], steps: Tensor) -> dict[str, Tensor]:
     return {name: values[steps.to(values.device)].to(steps.device) for name, values in arrays.items()}
 
 
-def _observed(network: PolicyNetwork, episodes: TrainingEpisodes) -> Mapping[str, NDArray[Any]]:
-    """What a network is shown of episodes in training, but for images."""
-    names = [spec.name for spec in network.encoders.lesson_numbers]
-    if len(network.tasks) > 1:
-        names.append(TASK_KEY)
+def _shown(episodes: TrainingEpisodes, names: Sequence[str]) -> dict[str, Tensor]:
+    """Some of the arrays of episodes.
+
+    Raises:
+        TrainingFailed: If there is no such array.
+    """
     for name in names:
         if name not in episodes.observations:
             raise TrainingFailed(
                 f"the policy observes '{name}', which the episodes do not hold; they hold "
                 f"{', '.join(sorted(episodes.observations))}"
             )
-    return {name: episodes.observations[name] for name in names}
-
-
-def _looked_at(network: PolicyNetwork, episodes: TrainingEpisodes) -> Mapping[str, NDArray[np.uint8]]:
-    """Images that a network is shown in training."""
-    specs = network.encoders.lesson_images
-    for spec in specs:
-        if spec.name not in episodes.images:
-            raise TrainingFailed(f"the policy looks at {spec.view}, of which it is given no images to learn from")
-    return {spec.name: episodes.images[spec.name] for spec in specs}
+    return {name: torch.from_numpy(episodes.observations[name]) for name in names}

@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from juicer.errors import ConfigError, TrainingFailed
 from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetadata
 from juicer.policy.config import HorizonConfig, PolicyConfig
 from juicer.policy.network import PolicyNetwork, build_policy
+from juicer.policy.pretrained.config import Weights
 from juicer.policy.pretrained.files import DEFAULT_FOLDER
 from juicer.policy.pretrained.loading import load_pretrained
 from juicer.policy.tasks import Tasks
@@ -65,7 +64,6 @@ def train(
     config: TrainingConfig,
     *,
     seed: int,
-    images: Mapping[str, NDArray[np.uint8]] | None = None,
     estimators: Sequence[Path] = (),
     scratch: Path | None = None,
     device: str = "cpu",
@@ -76,13 +74,12 @@ def train(
     """Train a policy by imitation.
 
     Args:
-        sources: Episodes to imitate; all windows are equally likely, unless episodes have weights.
+        sources: Episodes to imitate; all windows are equally likely, unless episodes have weights. Several are copied
+            into one, so those with more images than the memory holds must be one.
         policy: What the policy is made of.
         tasks: Assembly tasks that the episodes show.
         config: How to train.
         seed: Decides initial weights, split, order and noise.
-        images: Images ``(S, H, W, 3)`` at all steps of the episodes, one after another, by name; those of the views
-            that the policy looks at.
         estimators: Folders of estimators, for encoders that need some.
         scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
             training continues from it, bit for bit on a CPU.
@@ -98,45 +95,45 @@ def train(
     """
     torch_device = usable_device(device)
     _check_noise(policy, config)
-    episodes = replace(concatenate(sources), images=images or {})
+    episodes = concatenate(sources)
     learned, held_out = cut_sides(episodes, policy.horizons, config, seed)
     use = measure_use(episodes, learned, held_out)
     check_use(use, policy.horizons, config.windows.back_padding)
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
         network = build_policy(policy, tasks, torch_seed(seed, "weights")).to(torch_device)
-        beginning = _begin(network, estimators, weights)
+        network.encoders.take_estimators(estimators)
+        pretrained = load_pretrained(network, weights)
         windows = window_sources(episodes, (learned, held_out), network, config, seed, torch_device)
         learner = Learner(network, config, seed, torch_device)
         order = BatchOrder(len(windows.learned), config.batch_size, seed, window_weights(episodes, learned))
         loop = _Loop(learner, windows, config, order, metrics or NullMetricSink())
         identity = training_identity(episodes, _settings(policy, tasks, config, seed))
         facts = loop.run(identity, scratch, progress)
+    machine = {"device": torch_device.type, "precision": learner.precision, **_origins(pretrained)}
     return TrainedCheckpoint(
         checkpoint=_checkpoint(learner, config.steps),
-        facts={"device": torch_device.type, "precision": learner.precision, **beginning, **facts},
+        facts={**machine, **facts},
         use=use,
         losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
     )
 
 
-def _begin(network: PolicyNetwork, estimators: Sequence[Path], weights: Path) -> dict[str, str]:
-    """Put into a network what others have learned; facts about that."""
-    network.encoders.take_estimators(estimators)
-    pretrained = load_pretrained(network, weights)
+def _origins(pretrained: Sequence[Weights]) -> dict[str, str]:
+    """Which weights a policy started from, and what may be done with them."""
     return {"pretrained": ", ".join(f"{each.file} ({each.licence})" for each in pretrained)} if pretrained else {}
 
 
 def _checkpoint(learner: Learner, step: int) -> Checkpoint:
-    network, ema = learner.network, learner.ema
+    network = learner.network
     metadata = CheckpointMetadata(
         schema_version=SCHEMA_VERSION,
         policy=network.config,
         tasks=dict(network.tasks),
-        acting_weights="raw" if ema is None else "ema",
+        acting_weights="raw" if learner.ema is None else "ema",
         step=step,
     )
-    return Checkpoint(metadata, _on_cpu(network), None if ema is None else _on_cpu(ema))
+    return Checkpoint(metadata, _on_cpu(network), None if learner.ema is None else _on_cpu(learner.ema))
 
 
 def cut_sides(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ class TrainingEpisodes:
     """Episodes, one after another in time-major arrays.
 
     Attributes:
-        observations: Arrays ``(S, D)`` by name.
+        observations: Arrays ``(S, D)`` by name, and images ``(S, H, W, 3)``, which may be larger than the memory.
         actions: Absolute actions ``(S, 10)``.
         episode_ends: ``(N,)`` index one past the last step of each episode.
         families: ``(N,)`` a label for each episode; those with the same label stay on the same side of the
@@ -27,22 +27,19 @@ class TrainingEpisodes:
         sources: ``(N,)`` where each episode comes from, e.g. ``teleop``; only to tell what became of them.
         weights: ``(N,)`` how often each window of an episode is learned from, as compared with those of others; all
             alike if empty.
-        images: Arrays ``(S, H, W, 3)`` of uint8 by name, which may be larger than the memory.
     """
 
-    observations: Mapping[str, NDArray[np.float32]]
+    observations: Mapping[str, NDArray[Any]]
     actions: NDArray[np.float32]
     episode_ends: NDArray[np.int64]
     families: Sequence[str]
     sources: Sequence[str]
     weights: Sequence[float] = ()
-    images: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check that the arrays agree in length."""
         num_steps = int(self.episode_ends[-1]) if len(self.episode_ends) else 0
-        arrays: dict[str, NDArray[Any]] = {**self.observations, **self.images, "action": self.actions}
-        lengths = {name: len(values) for name, values in arrays.items()}
+        lengths = {name: len(values) for name, values in {**self.observations, "action": self.actions}.items()}
         if set(lengths.values()) != {num_steps}:
             raise TrainingFailed(f"episodes end at step {num_steps}, but their arrays have lengths {lengths}")
         for thing, labels in {"family": self.families, "source": self.sources}.items():

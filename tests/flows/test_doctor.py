@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import socket
+import sys
 import threading
 
 import pytest
@@ -141,6 +142,14 @@ def test_drawing_names_its_platform(settings, monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "directx")
     (verdict,) = check_drawing(settings)
     assert (verdict.state, verdict.message) == (State.PROBLEM, "MUJOCO_GL is 'directx', which MuJoCo does not know")
+
+
+@pytest.mark.usefixtures("drawing")
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere MuJoCo chooses")
+def test_drawing_is_tried_the_way_images_are_drawn(settings, monkeypatch):
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    (verdict,) = check_drawing(settings)
+    assert (verdict.state, verdict.message) == (State.OK, "an image was drawn through egl")
 
 
 def test_more_stages_than_processors_is_a_warning(settings):

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 import torch
+import yaml
 
 from juicer.config import parse_config
 from juicer.policy.backbone import build_backbone
@@ -69,3 +73,11 @@ def test_a_policy_that_sees_has_as_many_weights_as_the_original(title, frozen, t
 def test_every_row_is_checked_and_every_file_belongs_to_a_row():
     assert {row.title for row in ROWS if row.is_in_paper} <= CHECKS.keys()
     assert {row.weights for row in ROWS} - {""} == KNOWN.keys()
+
+
+def test_the_documentation_says_how_to_write_every_row():
+    page = (Path(__file__).parents[2] / "docs" / "encoders.md").read_text()
+    written = dict(re.findall(r"^\| ([^|`]+?) \| `(\{kind: .*\})` \|$", page, re.M))
+    assert {title: yaml.safe_load(text) for title, text in written.items()} == {
+        row.title: {**row.backbone, **({"weights": row.weights} if row.weights else {})} for row in ROWS
+    }

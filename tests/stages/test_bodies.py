@@ -396,7 +396,7 @@ def test_report_is_written_where_nothing_can_be_drawn(loop, monkeypatch):
     def refuse(*_):
         raise RenderingUnavailable("no OpenGL platform can draw an image here")
 
-    monkeypatch.setattr("juicer.imaging.renderer.CameraRenderer.draw", refuse)
+    monkeypatch.setattr("juicer.imaging.renderer.ViewRenderer.draw_for_people", refuse)
     ref = write_report(loop, findings=("drawn nowhere",))
     page = (loop.store.open(ref) / "report.html").read_text()
     assert "No videos or images of episodes: no OpenGL platform can draw an image here." in page

@@ -65,12 +65,16 @@ def test_images_lie_in_the_order_of_the_chosen_episodes(group_of, tmp_path, monk
     np.testing.assert_array_equal(unpacked[VIEW.name], np.concatenate([*images, *more]))
 
 
-def test_what_a_killed_training_left_is_made_anew(group_of, tmp_path):
+def test_what_is_unpacked_is_used_again_and_what_a_kill_left_half_is_not(group_of, tmp_path, monkeypatch):
     group, images = group_of("0123456789abcdef", (5,), (0,))
-    for _ in range(2):
-        unpacked = unpack_images([group], [VIEW.observed()], tmp_path / "scratch")
-        np.testing.assert_array_equal(unpacked[VIEW.name], images[0])
-        unpacked[VIEW.name][:] = 0
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    (scratch / f"{VIEW.name}.draft").write_bytes(b"half")
+    unpacked = unpack_images([group], [VIEW.observed()], scratch)
+    np.testing.assert_array_equal(unpacked[VIEW.name], images[0])
+    unpacked[VIEW.name][:] = 0
+    monkeypatch.setattr(module, "_unpack", None)
+    np.testing.assert_array_equal(unpack_images([group], [VIEW.observed()], scratch)[VIEW.name], images[0])
 
 
 def test_a_disk_too_small_for_them_is_told_before(group_of, tmp_path, monkeypatch):
@@ -98,9 +102,13 @@ def images():
     return {VIEW.name: np.random.default_rng(0).integers(0, 256, (sum(LENGTHS), 16, 24, 3), np.uint8)}
 
 
+def seen(episodes, images):
+    return dataclasses.replace(episodes, observations={**episodes.observations, **images})
+
+
 def test_a_batch_holds_the_images_of_its_windows(episodes, tasks, looking, images):
     network = build_policy(looking, tasks, seed=0)
-    data = dataclasses.replace(episodes(LENGTHS), images=images)
+    data = seen(episodes(LENGTHS), images)
     windows = cut_windows(data.episode_ends, np.arange(5), looking.horizons, back_padding=7)
     table = WindowTable(data, windows, network, learn_padding=True, device=torch.device("cpu"))
     table.fit()
@@ -120,22 +128,22 @@ def test_a_killed_training_on_images_resumes_bit_for_bit(episodes, tasks, lookin
             raise KilledError
 
     config = training_config.model_copy(update={"report_every": 1})
-    arguments = ([episodes(LENGTHS)], looking, tasks, config)
-    straight = train(*arguments, seed=3, images=images).checkpoint
+    arguments = ([seen(episodes(LENGTHS), images)], looking, tasks, config)
+    straight = train(*arguments, seed=3).checkpoint
     with pytest.raises(KilledError):
-        train(*arguments, seed=3, images=images, scratch=tmp_path, progress=kill)
-    resumed = train(*arguments, seed=3, images=images, scratch=tmp_path).checkpoint
+        train(*arguments, seed=3, scratch=tmp_path, progress=kill)
+    resumed = train(*arguments, seed=3, scratch=tmp_path).checkpoint
     for name, value in straight.weights.items():
         assert torch.equal(value, resumed.weights[name]), name
 
 
 def test_a_state_is_not_continued_on_other_images(episodes, images):
-    data = dataclasses.replace(episodes(LENGTHS), images=images)
-    other = dataclasses.replace(data, images={VIEW.name: 255 - images[VIEW.name]})
+    data = seen(episodes(LENGTHS), images)
+    other = seen(data, {VIEW.name: 255 - images[VIEW.name]})
     assert training_identity(data, {}) == training_identity(dataclasses.replace(data), {})
     assert len({training_identity(each, {}) for each in (data, other, episodes(LENGTHS))}) == 3
 
 
 def test_a_policy_that_looks_is_not_trained_without_images(episodes, tasks, looking, training_config):
-    with pytest.raises(TrainingFailed, match="looks at wrist whole 24x16, of which it is given no images"):
+    with pytest.raises(TrainingFailed, match=f"observes '{VIEW.name}', which the episodes do not hold"):
         train([episodes(LENGTHS)], looking, tasks, training_config, seed=0)

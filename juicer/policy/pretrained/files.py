@@ -49,12 +49,13 @@ def read_weights_file(weights: Weights, folder: Path) -> bytes:
         others.append(f"'{place}' has the SHA-256 {digest}")
     if others:
         raise UnusableWeights(
-            f"{' and '.join(others)}, but {weights.sha256} is meant; {_remedy(weights.file, folder)}, or correct sha256"
+            f"{' and '.join(others)}, but {weights.sha256} is meant; {remedy(weights.file, folder)}, or correct sha256"
         )
-    raise UnusableWeights(f"the weights '{weights.file}' are not on this machine; {_remedy(weights.file, folder)}")
+    raise UnusableWeights(f"the weights '{weights.file}' are not on this machine; {remedy(weights.file, folder)}")
 
 
-def _remedy(file: str, folder: Path) -> str:
+def remedy(file: str, folder: Path) -> str:
+    """How to get a file of weights, as a clause."""
     known = known_file(file)
     if known is None:
         return f"put that file into '{folder}'"

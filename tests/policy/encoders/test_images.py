@@ -88,3 +88,61 @@ def test_a_view_too_small_for_the_backbone_is_refused_in_a_sentence():
     images = {"kind": "images", "views": {"front": {"camera": "front", "width": 4}}}
     with pytest.raises(ConfigError, match=r"observation\.images.*a small_cnn takes images of at least 8x8 pixels"):
         parse_config({"observation": {"images": images}}, PolicyConfig, origin="test")
+
+
+VARIED = {"augmentation": {}, "crops": {"front": {"width": 24, "height": 16}}}
+
+
+def test_images_vary_in_training_and_not_when_acting(tasks):
+    encoder = build_encoder(ImagesConfig.model_validate({"views": VIEWS, **VARIED}), tasks, obs_horizon=2)
+    prepared = encoder.prepare(images_of(encoder))
+    assert not torch.equal(encoder(prepared), encoder(prepared))
+    torch.manual_seed(3)
+    first = encoder(prepared)
+    torch.manual_seed(3)
+    assert torch.equal(encoder(prepared), first)
+    encoder.eval()
+    assert torch.equal(encoder(prepared), encoder(prepared))
+
+
+def test_only_the_middle_of_a_cropped_view_is_seen_when_acting(tasks):
+    encoder = build_encoder(ImagesConfig.model_validate({"views": VIEWS, **VARIED}), tasks, obs_horizon=1).eval()
+    images = images_of(encoder, steps=1)
+    tokens = encoder(encoder.prepare(images))
+    outside = torch.ones(24, 32, dtype=torch.bool)
+    outside[4:20, 4:28] = False
+    images[VIEWS["front"].name][:, :, outside] = 0
+    assert torch.equal(encoder(encoder.prepare(images)), tokens)
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        (
+            {"crops": {"frond": {"width": 8, "height": 8}}},
+            "crops name 'frond', which is none of the views: front, wrist",
+        ),
+        ({"crops": {"wrist": {"width": 8, "height": 20}}}, "the crop of 'wrist' is larger than its 16x16 pixels"),
+        ({"augmentation": {"blur_kernel": 31}, "crops": {}, "backbone": {"kind": "resnet"}}, None),
+        (
+            {"augmentation": {"blur_kernel": 31}, "views": {"a": {"camera": "front", "width": 15, "height": 20}}},
+            "the blur of 'a' reaches beyond its 15x20 pixels",
+        ),
+        (
+            {
+                "frozen": True,
+                "backbone": {"kind": "vit"},
+                "views": {"a": {"camera": "front"}, "b": {"camera": "wrist", "width": 32}},
+            },
+            "a frozen vit is one for all views: give these one size",
+        ),
+    ],
+)
+def test_crops_and_blurs_that_do_not_fit_are_refused_in_a_sentence(settings, sentence):
+    views = {name: view.model_dump() for name, view in VIEWS.items()}
+    content = {"observation": {"images": {"kind": "images", "views": views, **settings}}}
+    if sentence is None:
+        assert parse_config(content, PolicyConfig, origin="test")
+    else:
+        with pytest.raises(ConfigError, match=sentence):
+            parse_config(content, PolicyConfig, origin="test")

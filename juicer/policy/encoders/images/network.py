@@ -13,9 +13,8 @@ from juicer.episode import ArraySpec, Role
 from juicer.policy.backbone import Backbone, Pixels, build_backbone
 from juicer.policy.encoder import ObservationEncoder
 from juicer.policy.encoders.images.config import ImagesConfig
+from juicer.policy.image_augmentation.network import FULL_BRIGHTNESS, augmented, centre_crop, random_crop
 from juicer.policy.tasks import Tasks
-
-FULL_BRIGHTNESS = 255
 
 
 class ImagesEncoder(ObservationEncoder):
@@ -35,8 +34,7 @@ class ImagesEncoder(ObservationEncoder):
         self.pixels = Pixels(config.backbone)
         num_backbones = 1 if config.frozen else len(self.views)
         self.backbones = nn.ModuleList(
-            build_backbone(config.backbone, (view.height, view.width))
-            for view in list(self.views.values())[:num_backbones]
+            build_backbone(config.backbone, config.seen_size(name)) for name in list(self.views)[:num_backbones]
         )
         if config.frozen:
             self.backbones.requires_grad_(False)
@@ -54,7 +52,7 @@ class ImagesEncoder(ObservationEncoder):
         """The images, or columns of their features."""
         if not self.frozen:
             return self.observations
-        names = dict.fromkeys(map(self.config.column, self.views.values()))
+        names = dict.fromkeys(map(self.config.column, self.views))
         return tuple(ArraySpec(name, (self._backbone(0).num_features,), "float32", Role.DERIVED) for name in names)
 
     def prepare(self, observations: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
@@ -62,19 +60,19 @@ class ImagesEncoder(ObservationEncoder):
         images = {name: observations[view.name] for name, view in self.views.items()}
         if not self.frozen:
             return images
-        return {name: self._features(0, values) for name, values in images.items()}
+        return {name: self._features(0, name, values) for name, values in images.items()}
 
     def prepare_lessons(self, lessons: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
         """The same of lessons."""
         if not self.frozen:
             return self.prepare(lessons)
-        return {name: lessons[self.config.column(view)] for name, view in self.views.items()}
+        return {name: lessons[self.config.column(name)] for name in self.views}
 
     def forward(self, prepared: Mapping[str, Tensor]) -> Tensor:
         """Tokens ``(B, T_o V, C)`` of what was prepared ``(B, T_o, ...)`` of V views; all views of a step together."""
         tokens = []
         for index, name in enumerate(self.views):
-            features = prepared[name] if self.frozen else self._features(index, prepared[name])
+            features = prepared[name] if self.frozen else self._features(index, name, prepared[name])
             tokens.append(self.projections[index](features))
         return torch.stack(tokens, dim=2).flatten(1, 2)
 
@@ -90,10 +88,30 @@ class ImagesEncoder(ObservationEncoder):
         assert isinstance(backbone, Backbone)
         return backbone
 
-    def _features(self, index: int, images: Tensor) -> Tensor:
+    def _features(self, index: int, name: str, images: Tensor) -> Tensor:
         """Features ``(..., C)`` of images ``(..., h, w, 3)`` of a view."""
-        # As they lie in memory, images are what convolutions call channels last, and the fastest on most hardware.
-        pixels = images.flatten(0, -4).permute(0, 3, 1, 2).float() / FULL_BRIGHTNESS
+        samples = images if images.ndim == 5 else images.unsqueeze(1)
+        shown = brightness(samples, self.config, name, is_training=self.training and not self.frozen)
         with torch.no_grad() if self.frozen else nullcontext():
-            features: Tensor = self._backbone(index)(self.pixels(pixels))
+            features: Tensor = self._backbone(index)(self.pixels(shown))
         return features.reshape(*images.shape[:-3], -1)
+
+
+def brightness(images: Tensor, config: ImagesConfig, name: str, is_training: bool) -> Tensor:
+    """What the backbone is shown of images: shares of full brightness.
+
+    Args:
+        images: Of one view, ``(B, T, h, w, 3)`` uint8.
+        config: What the encoder was built of.
+        name: Name of the view in it.
+        is_training: Whether they are cropped and varied at random, from torch's random state, one draw a sample.
+
+    Returns:
+        ``(B T, 3, H, W)``, laid out in memory as convolutions like it best.
+    """
+    if name in config.crops:
+        images = (random_crop if is_training else centre_crop)(images, config.seen_size(name))
+    if is_training and config.augmentation is not None:
+        varied = augmented(images, config.augmentation).flatten(0, 1)
+        return varied.contiguous(memory_format=torch.channels_last)
+    return images.flatten(0, 1).permute(0, 3, 1, 2).float() / FULL_BRIGHTNESS

@@ -1,0 +1,1 @@
+"""Image augmentation: colour jitter and blur, one draw a sample, on the device that trains."""

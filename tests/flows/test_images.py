@@ -1,0 +1,96 @@
+"""A study of policies that look, in small and for real: from a configuration to a page that says what they saw."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import PIL.Image
+import pytest
+
+from flows.config import parse_runs
+from flows.running.execution import execute
+from flows.running.plan import plan
+from juicer.artifacts.store import ArtifactStore
+from stages.report import PAGE, VARIED
+from stages.runtime.execution import perform_here
+from stages.runtime.machine import Machine
+from stages.runtime.session import Session
+
+LOOKING = {
+    "base": "smoke",
+    "flow": "study",
+    "name": "looking",
+    "conditions": {"bc": None, "seeing": {"title": "Seeing", "policy": "seeing"}},
+    "seeds": [0, 1],
+    "record": {"demonstrations": 2},
+    "policies": {
+        "diffusion": {"training": {"steps": 20, "warmup_steps": 5, "validation_fraction": 0.5}},
+        "seeing": {
+            "base": "diffusion",
+            "policy": {
+                "observation": {
+                    "body": {"kind": "proprioception"},
+                    "eyes": {
+                        "kind": "images",
+                        "views": {
+                            "front": {"camera": "front", "width": 32, "height": 32},
+                            "wrist": {"camera": "wrist", "width": 32, "height": 32},
+                        },
+                        "augmentation": {},
+                        "backbone": {"kind": "small_cnn", "stem": 8, "quarter": 8, "eighth": 8},
+                        "projection": 16,
+                    },
+                }
+            },
+        },
+    },
+    "evaluate": {"episodes": 2, "max_steps": 20},
+}
+
+
+@pytest.fixture(scope="module")
+def study():
+    (study,) = parse_runs(LOOKING, "here")
+    return study
+
+
+def test_images_are_drawn_once_for_all_who_look_and_for_nobody_else(study, tmp_path):
+    planned = plan(ArtifactStore(tmp_path), study)
+    counts = Counter(entry.stage for entry in planned)
+    assert (counts["render"], counts["dataset"], counts["train"]) == (2, 2, 4)
+    of_states, of_images = (entry.call.recipe.inputs for entry in planned if entry.stage == "dataset")
+    assert "columns" not in of_states
+    assert of_images["columns"] == tuple(entry.ref for entry in planned if entry.stage == "render")
+
+
+@pytest.mark.parametrize(("preset", "views"), [("laptop_image_e2e", 3), ("paper_image", 2)])
+@pytest.mark.parametrize("condition", ["ta_ci", "state_noise", "mlp_chunked", "mlp_unchunked"])
+def test_every_condition_runs_on_images_by_naming_a_preset(tmp_path, preset, views, condition):
+    (run,) = parse_runs({"base": preset, "condition": condition}, "here")
+    planned = plan(ArtifactStore(tmp_path), run)
+    counts = Counter(entry.stage for entry in planned)
+    learned = [entry.call.recipe.inputs["episodes"] for entry in planned if entry.stage == "dataset"]
+    episodes = {ref for refs in learned for ref in refs}
+    turns = 2 if condition == "ta_ci" else 1
+    assert (counts["render"], counts["train"], counts["evaluate"]) == (views * len(episodes), turns, 1)
+
+
+def test_one_model_for_several_tasks_learns_from_the_images_of_all(tmp_path):
+    runs = parse_runs({"base": "laptop_image_e2e", "tasks": ["one_leg", "lamp"], "condition": "multitask"}, "here")
+    planned = plan(ArtifactStore(tmp_path), runs[0])
+    joint = [entry.call.recipe.inputs for entry in planned if entry.stage == "dataset"][-1]
+    assert len(joint["columns"]) == 3 * len(joint["episodes"])
+
+
+def test_a_study_says_of_every_result_what_its_policy_saw(drawing, study, tmp_path):
+    session = Session(ArtifactStore(tmp_path), perform_here, machine=Machine(num_envs=2))
+    outcome = execute(session, study, None)
+    assert [row.title for row in outcome.results(session.store)] == ["BC", "Seeing (images)"]
+    assert [model.observes for model in outcome.models] == ["state", "images", "state", "images"]
+    page = (session.store.open(outcome.report) / PAGE).read_text()
+    assert "Seeing (images)" in page
+    assert "no images; or images of cameras" in page
+    figure = session.store.open(outcome.report) / f"{VARIED}.png"
+    with PIL.Image.open(figure) as image:
+        assert image.height > 4 * 160
+    assert all(entry.exists for entry in plan(session.store, study))
