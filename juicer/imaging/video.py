@@ -16,7 +16,7 @@ from juicer.episode import Episode
 from juicer.errors import ConfigError, InvalidEpisode, JuicerError
 from juicer.imaging.renderer import Image as Image
 from juicer.sim.env import AssemblyEnv
-from juicer.views import CAMERAS, MAX_HEIGHT, MAX_WIDTH
+from juicer.views import CAMERAS, MAX_HEIGHT, MAX_WIDTH, View
 
 MIN_WIDTH, MIN_HEIGHT = 160, 120
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv")
@@ -31,6 +31,7 @@ class FilmFormat:
         cameras: Names, left to right.
         width: Width of each camera's image [pixels].
         height: Its height [pixels].
+        views: What a policy looked at, shown below the cameras.
 
     Raises:
         ConfigError: If an image of this size cannot be drawn, or carry legible captions.
@@ -39,6 +40,7 @@ class FilmFormat:
     cameras: tuple[str, ...] = CAMERAS
     width: int = 480
     height: int = 360
+    views: tuple[View, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the size."""
@@ -56,10 +58,12 @@ class Frame:
     Attributes:
         step: The images show the state before the action of this step; the step after the last is the end.
         images: One for each camera.
+        seen: One for each view.
     """
 
     step: int
     images: tuple[Image, ...]
+    seen: tuple[Image, ...] = ()
 
 
 def draw(episode: Episode, steps: Iterable[int], film: FilmFormat) -> Iterator[Frame]:
@@ -84,7 +88,8 @@ def draw(episode: Episode, steps: Iterable[int], film: FilmFormat) -> Iterator[F
                     raise
                 continue  # the simulation had diverged there
             is_restorable = True
-            yield Frame(step, tuple(env.render_camera(camera, film.width, film.height) for camera in film.cameras))
+            images = tuple(env.render_camera(camera, film.width, film.height) for camera in film.cameras)
+            yield Frame(step, images, tuple(env.render_view(view) for view in film.views))
     finally:
         env.close()
 

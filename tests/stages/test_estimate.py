@@ -13,6 +13,8 @@ from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 from juicer.policy.checkpoint import load_policy
 from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
 from juicer.policy.encoders.estimated.files import load_estimator
+from juicer.reporting.comparison import ReportRow
+from juicer.reporting.views import views_of
 from juicer.training.config import TrainingConfig
 from juicer.training.mixing import DatasetConfig
 from juicer.views import View
@@ -21,6 +23,7 @@ from stages.dataset import dataset
 from stages.estimate import EstimateConfig, estimate
 from stages.evaluate import EvaluateConfig, evaluate
 from stages.ingest import ingest
+from stages.report import ReportConfig, report
 from stages.runtime.execution import perform_here
 from stages.runtime.machine import Machine
 from stages.runtime.session import Session
@@ -94,6 +97,12 @@ def test_a_policy_learns_from_poses_and_acts_on_images(session, estimator, learn
     config = EvaluateConfig(task="one_leg", randomness="low", episodes=2, max_steps=8)
     evaluation = evaluate(session, checkpoint=checkpoint, config=config)
     assert session.store.manifest(evaluation).summary["episodes"] == 2
+    assert views_of(session.store, evaluation) == tuple(ENCODER.estimator.views.values())
+    rows = (ReportRow(condition="bc", title="BC", seed=0),)
+    page = report(session, evaluations=(evaluation,), config=ReportConfig(title="t", task="one_leg", rows=rows))
+    text = (session.store.open(page, "report") / "report.html").read_text()
+    assert "Below: what the policy saw." in text
+    assert "What is read off images" in text
 
 
 def test_a_policy_that_estimates_is_not_trained_without_an_estimator(session, learned_from):
