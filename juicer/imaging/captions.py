@@ -51,7 +51,7 @@ def ending(episode: Episode) -> str:
 
 @dataclass
 class Captioner:
-    """Puts images of the cameras side by side below a title, the step and the milestones; below them those of the views.
+    """Puts images of cameras side by side below a title, the step and the milestones; below them those of the views.
 
     Steps of a demonstration are told as those of the recording, in which idle steps count.
 
