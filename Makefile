@@ -16,13 +16,16 @@ INSTALLED := $(VENV)/.juicer-installed
 CAN_DRAW := $(VENV)/.juicer-can-draw
 RUN := $(VENV)/bin
 
-.PHONY: help demo test slow-test check format setup lock gl looks clean
+.PHONY: help demo demo-images test slow-test check format setup lock gl looks clean
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
 
 demo: setup gl ## Run the whole loop on one_leg: from demonstrations to the comparison table
 	@$(RUN)/juicer run $(CONFIG)
+
+demo-images: setup gl ## The same with policies that act on images, in less than three quarters of an hour
+	@$(RUN)/juicer run configs/demo_images.yaml
 
 # Side by side, a file at a time: fixtures of a file, such as a server, are made once.
 test: setup gl ## Run the tests

@@ -14,6 +14,7 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.demonstration.log import SUFFIX
 from juicer.errors import ArtifactNotFound, ConfigError
 from juicer.policy.config import PolicyConfig
+from juicer.policy.encoders.estimated.config import EstimatedConfig
 from juicer.text import printable
 from juicer.views import View
 from stages.annotate import annotate
@@ -21,6 +22,7 @@ from stages.augment import AugmentConfig, augment
 from stages.collect import collect
 from stages.dataset import dataset
 from stages.encode import EncodeConfig, encode
+from stages.estimate import EstimateConfig, estimate
 from stages.evaluate import evaluate
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
@@ -63,13 +65,17 @@ class _Data:
     """What a model is trained on in the end.
 
     Attributes:
+        loop: The loop of its task.
         session: Session of the last turn of collect, select, train.
-        episodes: Demonstrations and corrective episodes.
+        demonstrations: What it begins with.
+        episodes: These and corrective episodes.
         selections: Rollouts of the model's predecessors, and which of them are kept.
         findings: Why there are no more of these.
     """
 
+    loop: LoopConfig
     session: Session
+    demonstrations: ArtifactRef
     episodes: tuple[ArtifactRef, ...]
     selections: tuple[_Selected, ...] = ()
     findings: tuple[str, ...] = ()
@@ -126,7 +132,8 @@ def _train(session: Session, config: LoopConfig, training: TrainConfig, gathered
         columns=tuple(column for ref in episodes for column in _columns(session, training.policy, ref)),
         config=config.dataset,
     )
-    return train(session, dataset=mixed, config=training)
+    estimators = tuple(ref for data in gathered for ref in _estimators(data, training.policy))
+    return train(session, dataset=mixed, estimators=estimators, config=training)
 
 
 def _columns(session: Session, policy: PolicyConfig, episodes: ArtifactRef) -> Iterator[ArtifactRef]:
@@ -214,9 +221,19 @@ def _data(
 ) -> _Data:
     """Demonstrations, what models have achieved themselves, and corrective episodes if any are wanted and found."""
     if augmentation is None:
-        return _Data(session, (demonstrations,), selections)
+        return _Data(config, session, demonstrations, (demonstrations,), selections)
     annotations = annotate(session, episodes=demonstrations, labels=config.labels, config=config.annotate)
     corrective = augment(session, episodes=demonstrations, annotations=annotations, config=augmentation)
     if findings := _findings(session, corrective):
-        return _Data(session, (demonstrations,), selections, findings)
-    return _Data(session, (demonstrations, corrective), selections)
+        return _Data(config, session, demonstrations, (demonstrations,), selections, findings)
+    return _Data(config, session, demonstrations, (demonstrations, corrective), selections)
+
+
+def _estimators(data: _Data, policy: PolicyConfig) -> Iterator[ArtifactRef]:
+    """What a policy that estimates poses has to know before it is trained; the same for every condition and seed."""
+    for encoder in policy.observation.values():
+        if isinstance(encoder, EstimatedConfig):
+            session, loop, demonstrations = data.session, data.loop, data.demonstrations
+            annotations = annotate(session, episodes=demonstrations, labels=loop.labels, config=loop.annotate)
+            config = EstimateConfig(encoder=encoder)
+            yield estimate(session, episodes=demonstrations, annotations=annotations, config=config)

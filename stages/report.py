@@ -17,6 +17,7 @@ from juicer.reporting.comparison import ReportRow, condition_results
 from juicer.reporting.content import EpisodeVideo
 from juicer.reporting.report import configuration_text, gather
 from juicer.reporting.varied_images import varied_images
+from juicer.reporting.views import views_of
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.evaluations import EXAMPLES, read_evaluation
 from stages.runtime.context import StageContext
@@ -144,4 +145,4 @@ def _typical(context: StageContext, row: ReportRow, ref: ArtifactRef, succeeded:
     usual = Counter(len(record.milestones) for _, record in alike).most_common(1)[0][0]
     place, record = next(pair for pair in alike if len(pair[1].milestones) == usual)
     number = next(entry.episode for entry in read_evaluation(folder) if entry.seed == record.seed)
-    return Example(row.label, ref.id, number, reader.read(place))
+    return Example(row.label, ref.id, number, reader.read(place), views_of(context.store, ref))

@@ -12,14 +12,14 @@ from juicer.artifacts.manifest import FINDING, OBSERVES
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.config import Seed, StrictConfig, models_in
-from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
+from juicer.policy.config import PolicyConfig
+from juicer.policy.feature_spec import feature_spec
 from juicer.policy.members import BackboneConfig
 from juicer.storage.columns import DRAWN_BY
 from juicer.storage.curves import CurveWriter
 from juicer.storage.dataset import DatasetRow, grouped, read_dataset
 from juicer.storage.episodes import EpisodeReader
-from juicer.tasks.registry import TASK_NAMES, get_task
-from juicer.tasks.specification import MOUNTED_COSINE, MOUNTED_M
+from juicer.tasks.registry import TASK_NAMES
 from juicer.text import printable
 from juicer.training.config import TrainingConfig
 from juicer.training.images import Chosen, unpack_images
@@ -53,17 +53,20 @@ class TrainConfig(StrictConfig):
 
 @stage(
     kind="checkpoint",
-    inputs={"dataset": "dataset"},
+    inputs={"dataset": "dataset", "estimators": "estimator"},
     libraries=("numpy", "torch"),
     noun="steps",
     counts="steps",
     headline=("steps", "train/loss", "validation/position_error_mm"),
     needs="devices",
 )
-def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -> None:
+def train(
+    context: StageContext, *, dataset: ArtifactRef, estimators: tuple[ArtifactRef, ...] = (), config: TrainConfig
+) -> None:
     """Train a policy on the episodes of a dataset.
 
-    If they show several tasks, it is one policy for all of them, which is told the task.
+    If they show several tasks, it is one policy for all of them, which is told the task. Estimators are for policies
+    that estimate poses: one for each of their tasks.
     """
     from juicer.policy.checkpoint import save_checkpoint  # torch takes seconds to import
     from juicer.policy.encoder import outline
@@ -86,6 +89,7 @@ def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -
         tasks,
         config.training,
         seed=config.seed,
+        estimators=[context.store.open(each, "estimator") for each in estimators],
         scratch=context.draft.scratch / "state",
         device=context.machine.device,
         loaders=context.machine.loaders,
@@ -104,28 +108,13 @@ def train(context: StageContext, *, dataset: ArtifactRef, config: TrainConfig) -
         **_sizes(trained.use),
         **trained.facts,
     }
-    drawn_by = context.store.manifest(dataset).summary.get(DRAWN_BY, []) if encoders.sees_images else []
+    seen = (dataset, *estimators) if encoders.sees_images else ()
+    drawn_by = sorted({each for ref in seen for each in context.store.manifest(ref).summary.get(DRAWN_BY, [])})
     if drawn_by:
         context.draft.summary[DRAWN_BY] = drawn_by
     findings = [*trained.losses, *_mixture(drawn_by)]
     if findings:
         context.draft.summary[FINDING] = "; ".join(findings)
-
-
-def feature_spec(task_name: str) -> FeatureSpec:
-    """The numbers of a task that its features need."""
-    task = get_task(task_name)
-    pairs = tuple(
-        PairSpec(
-            first=pair.first,
-            second=pair.second,
-            target=pair.targets[pair.operator_target],
-            also_at=tuple(target for index, target in enumerate(pair.targets) if index != pair.operator_target),
-            any_rotation=pair.any_rotation,
-        )
-        for pair in task.pairs
-    )
-    return FeatureSpec(num_parts=len(task.parts), pairs=pairs, mounted_m=MOUNTED_M, mounted_cosine=MOUNTED_COSINE)
 
 
 def _open(store: ArtifactStore, rows: Sequence[DatasetRow]) -> EpisodeReader:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from juicer.artifacts.store import ArtifactStore
     from juicer.episode import Episode
     from juicer.imaging.video import FilmFormat, Image
+    from juicer.views import View
 
 BOTH = "both"
 STRIP_IMAGES = 6
@@ -50,11 +51,12 @@ def replay_episode(
 ) -> None:
     """``juicer replay``."""
     from juicer.imaging.video import draw, every, write_video
+    from juicer.reporting.views import views_of
 
     settings = read_settings()
     store = open_store(settings)
-    film = _film(camera, size)
     ref = store.resolve(text)
+    film = _film(camera, size, views_of(store, ref) if ref.kind == "evaluation" else ())
     index = _number(store, ref, episode_name)
     video = video or Path(f"{ref.id}-{index}.mp4")
     _check_place(video)
@@ -93,14 +95,14 @@ def _number(store: ArtifactStore, ref: ArtifactRef, name: str) -> int:
     return found[0]
 
 
-def _film(camera: str, size: str) -> FilmFormat:
+def _film(camera: str, size: str, views: tuple[View, ...]) -> FilmFormat:
     from juicer.imaging.video import FilmFormat
     from juicer.views import CAMERAS
 
     parts = re.fullmatch(r"([0-9]{1,5})x([0-9]{1,5})", size)
     if parts is None:
         raise ConfigError(f"size '{size}' must be the width and height of a camera's image, e.g. 480x360")
-    return FilmFormat(CAMERAS if camera == BOTH else (camera,), int(parts[1]), int(parts[2]))
+    return FilmFormat(CAMERAS if camera == BOTH else (camera,), int(parts[1]), int(parts[2]), views)
 
 
 def _check_place(video: Path) -> None:

@@ -9,7 +9,10 @@ from juicer.announced import announced
 from juicer.errors import ArtifactNotFound, ConfigError, did_you_mean
 from juicer.text import printable
 
-_OURS = ("logs", "episodes", "columns", "annotations", "selection", "dataset", "checkpoint", "evaluation", "report")
+_OURS = (
+    *("logs", "episodes", "columns", "annotations", "selection", "dataset"),
+    *("estimator", "checkpoint", "evaluation", "report"),
+)
 _WORD = re.compile(r"[a-z][a-z0-9_]{0,39}")
 KINDS = (*_OURS, *(name for name in announced("juicer.kinds") if _WORD.fullmatch(name) and name not in _OURS))
 """Every kind of artifact: ours, and those that other packages announce for the stages that make them."""

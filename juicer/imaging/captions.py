@@ -13,6 +13,7 @@ from juicer.episode import Episode, EpisodeRecord, Outcome
 from juicer.imaging.video import FilmFormat, Frame, Image
 from juicer.sim.env import STEP_S
 from juicer.text import printable
+from juicer.views import View
 
 GAP = 4
 """Pixels between the images of two cameras."""
@@ -50,7 +51,7 @@ def ending(episode: Episode) -> str:
 
 @dataclass
 class Captioner:
-    """Puts the cameras' images of a frame side by side below a title, the step and the milestones.
+    """Puts images of cameras side by side below a title, the step and the milestones; below them those of the views.
 
     Steps of a demonstration are told as those of the recording, in which idle steps count.
 
@@ -93,7 +94,7 @@ class Captioner:
         """The image of one frame."""
         titled = len(self._lines) * self._row
         header = titled + round(2.9 * self._row) + self._margin // 2
-        height = header + self.film.height
+        height = header + self.film.height + (GAP + self._views_height if self.film.views else 0)
         canvas = PIL.Image.new("RGB", (self._inner_width + self._inner_width % 2, height + height % 2), _PAGE)
         pen = ImageDraw.Draw(canvas)
         for number, line in enumerate(self._lines):
@@ -103,7 +104,23 @@ class Captioner:
             left = place * (self.film.width + GAP)
             canvas.paste(PIL.Image.fromarray(image), (left, header))
             self._label(pen, camera, left, header)
+        left, top = 0, header + self.film.height + GAP
+        for view, image in zip(self.film.views, frame.seen, strict=True):
+            # Every pixel is shown as it is: they are what the policy saw.
+            shown = PIL.Image.fromarray(image).resize(self._shown(view), PIL.Image.Resampling.NEAREST)
+            canvas.paste(shown, (left, top))
+            self._label(pen, f"policy: {view.camera}", left, top)
+            left += shown.width + GAP
         return np.asarray(canvas)
+
+    @property
+    def _views_height(self) -> int:
+        """Height of the views in a row that is as wide as the cameras' images, and at most as high."""
+        shape = sum(view.width / view.height for view in self.film.views)
+        return min(self.film.height, int((self._inner_width - GAP * (len(self.film.views) - 1)) / shape))
+
+    def _shown(self, view: View) -> tuple[int, int]:
+        return max(1, int(self._views_height * view.width / view.height)), self._views_height
 
     def _label(self, pen: ImageDraw.ImageDraw, camera: str, left: int, top: int) -> None:
         width = self._font.getlength(camera) + self._margin

@@ -17,7 +17,7 @@ from juicer.episode import Episode
 from juicer.errors import ConfigError, InvalidEpisode, JuicerError
 from juicer.imaging.renderer import ViewRenderer
 from juicer.sim.env import AssemblyEnv
-from juicer.views import CAMERAS, MAX_HEIGHT, MAX_WIDTH
+from juicer.views import CAMERAS, MAX_HEIGHT, MAX_WIDTH, View
 
 Image = NDArray[np.uint8]
 """``(height, width, 3)``, RGB."""
@@ -35,6 +35,7 @@ class FilmFormat:
         cameras: Names, left to right.
         width: Width of each camera's image [pixels].
         height: Its height [pixels].
+        views: What a policy looked at, shown below the cameras.
 
     Raises:
         ConfigError: If an image of this size cannot be drawn, or carry legible captions.
@@ -43,6 +44,7 @@ class FilmFormat:
     cameras: tuple[str, ...] = CAMERAS
     width: int = 480
     height: int = 360
+    views: tuple[View, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the size."""
@@ -60,10 +62,12 @@ class Frame:
     Attributes:
         step: The images show the state before the action of this step; the step after the last is the end.
         images: One for each camera.
+        seen: One for each view.
     """
 
     step: int
     images: tuple[Image, ...]
+    seen: tuple[Image, ...] = ()
 
 
 def draw(episode: Episode, steps: Iterable[int], film: FilmFormat) -> Iterator[Frame]:
@@ -90,7 +94,9 @@ def draw(episode: Episode, steps: Iterable[int], film: FilmFormat) -> Iterator[F
                 continue  # the simulation had diverged there
             is_restorable = True
             qpos, size = env.data.qpos, (film.width, film.height)
-            yield Frame(step, tuple(renderer.draw_for_people(qpos, camera, *size) for camera in film.cameras))
+            images = tuple(renderer.draw_for_people(qpos, camera, *size) for camera in film.cameras)
+            end_effector = env.observation()["proprioception"][:3]
+            yield Frame(step, images, tuple(renderer.draw(qpos, view, end_effector) for view in film.views))
     finally:
         renderer.close()
 

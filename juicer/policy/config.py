@@ -118,6 +118,11 @@ class PolicyConfig(StrictConfig):
     head: AnyHead = DiffusionConfig()
 
     @property
+    def views_seen(self) -> tuple[View, ...]:
+        """Views that it looks at when it acts, each once."""
+        return tuple({view.name: view for each in self.observation.values() for view in each.views_seen}.values())
+
+    @property
     def learned_views(self) -> tuple[View, ...]:
         """Views whose images it is trained on, each once."""
         return tuple({view.name: view for each in self.observation.values() for view in each.learned_views}.values())

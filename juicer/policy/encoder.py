@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
+from pathlib import Path
 from typing import Any, ClassVar
 
 import torch
@@ -47,6 +48,14 @@ class ObservationEncoder(nn.Module, ABC):
     def lessons(self) -> tuple[ArraySpec, ...]:
         """What it is shown in training: what it sees, unless it learns from what nobody sees when acting."""
         return self.observations
+
+    def take_estimators(self, folders: Sequence[Path]) -> None:
+        """Take the estimators that it needs; most encoders need none.
+
+        Raises:
+            ConfigError: If one is not in any of the folders.
+            InvalidCheckpoint: If a folder holds no estimator, or a damaged one.
+        """
 
     @abstractmethod
     def fit(self, observations: Mapping[str, Tensor]) -> None:
@@ -126,6 +135,11 @@ class Encoders(nn.Module):
         taught = PART_POSES in {spec.name for spec in self.lessons} and not poses
         told = {"images": images, "state": poses, "proprioception": not (images or poses), "poses in training": taught}
         return ", ".join(what for what, is_so in told.items() if is_so)
+
+    def take_estimators(self, folders: Sequence[Path]) -> None:
+        """See :class:`ObservationEncoder`."""
+        for _, encoder in self.items():
+            encoder.take_estimators(folders)
 
     def fit(self, observations: Mapping[str, Tensor]) -> None:
         """See :class:`ObservationEncoder`."""

@@ -65,6 +65,19 @@ class AugmentationYield:
 
 
 @dataclass(frozen=True)
+class EstimatorErrors:
+    """How far an estimator is off where precision decides.
+
+    Attributes:
+        label: Which estimator, e.g. ``one_leg``.
+        by_critical_state: Mean errors by name of the critical state: millimetres and degrees.
+    """
+
+    label: str
+    by_critical_state: Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
 class DatasetSize:
     """What a condition was trained on, in the form of the paper's Table V.
 
@@ -256,6 +269,7 @@ class ReportData:
         funnels: Milestones by condition.
         curves: Training runs.
         augmentations: Yield of each augmentation.
+        estimators: Errors of each estimator whose estimates a policy acts on.
         datasets: Training data by condition.
         videos: A success, a typical failure.
         models: Every model with every episode of its evaluation.
@@ -275,6 +289,7 @@ class ReportData:
     funnels: tuple[Funnel, ...] = ()
     curves: tuple[TrainingCurve, ...] = ()
     augmentations: tuple[AugmentationYield, ...] = ()
+    estimators: tuple[EstimatorErrors, ...] = ()
     datasets: tuple[DatasetSize, ...] = ()
     videos: tuple[EpisodeVideo, ...] = ()
     models: tuple[EvaluatedModel, ...] = ()

@@ -47,6 +47,7 @@ def gather(
         funnels=tuple(sources.funnels()),
         curves=curves,
         augmentations=tuple(sources.augmentations()),
+        estimators=tuple(sources.estimators()),
         datasets=tuple(sources.datasets()),
         videos=videos,
         models=tuple(sources.models()),

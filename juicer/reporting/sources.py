@@ -18,6 +18,7 @@ from juicer.reporting.comparison import ReportRow
 from juicer.reporting.content import (
     AugmentationYield,
     DatasetSize,
+    EstimatorErrors,
     EvaluatedEpisode,
     EvaluatedModel,
     Funnel,
@@ -135,6 +136,13 @@ class Sources:
                     for name, counts in summary["by_critical_state"].items()
                 },
             )
+
+    def estimators(self) -> Iterator[EstimatorErrors]:
+        """One for every estimator."""
+        for manifest in self._of_stage("estimate"):
+            error_mm, error_deg = manifest.summary["error_mm"], manifest.summary["error_deg"]
+            errors = {name: (float(error_mm[name]), float(error_deg[name])) for name in error_mm}
+            yield EstimatorErrors(self._task_of(manifest), errors)
 
     def datasets(self) -> Iterator[DatasetSize]:
         """What the evaluated models of every condition were trained on, as far as their checkpoints are known."""

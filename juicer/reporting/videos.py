@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from juicer.imaging.video import FilmFormat, Frame, Image, draw, evenly_spaced, 
 from juicer.progress import Progress
 from juicer.reporting.content import EpisodeVideo, Moment
 from juicer.sim.env import STEP_S
+from juicer.views import View
 
 MOMENTS = 8
 FILM = FilmFormat(width=320, height=240)
@@ -38,12 +39,14 @@ class Example:
         evaluation: Id of the evaluation that keeps it.
         number: Its number in the evaluation.
         episode: The episode.
+        views: What the policy looked at.
     """
 
     model: str
     evaluation: str
     number: int
     episode: Episode
+    views: tuple[View, ...] = ()
 
     @property
     def is_success(self) -> bool:
@@ -70,14 +73,15 @@ def _make_video(example: Example, path: Path, progress: Progress) -> EpisodeVide
     stride = max(SMALLEST_STRIDE, math.ceil(len(episode) / MOST_FRAMES))
     steps = every(episode, stride)
     moments = _moments(episode)
-    captioner = Captioner(episode, FILM, [example.model, ending(episode)], TEXT_PX)
+    film = replace(FILM, views=example.views)
+    captioner = Captioner(episode, film, [example.model, ending(episode)], TEXT_PX)
     stills: dict[int, Image] = {}
     shown: list[int] = []
     poster: list[Image] = []
 
     def images() -> Iterator[Image]:
         frame: Frame
-        for frame in draw(episode, sorted({*steps, *moments}), FILM):
+        for frame in draw(episode, sorted({*steps, *moments}), film):
             if frame.step in moments:
                 stills[frame.step] = frame.images[0]
             if frame.step in steps:
@@ -119,6 +123,7 @@ def _caption(example: Example, stride: int, left_out: int) -> str:
     told = (
         f"{example.model}, episode {example.number}, initial state {record.seed}: {ending(example.episode)}. "
         f"Front and wrist camera, {float(speed):g} times real time."
+        + (" Below: what the policy saw." if example.views else "")
     )
     if left_out:
         told += f" Frames left out: {left_out}; the simulation diverged there, and its state cannot be drawn."

@@ -127,6 +127,21 @@ class EndEffectorController:
         targets: Array = self._joints[:NUM_ARM_JOINTS].copy()
         return targets
 
+    def joints_at(self, position: Array, rotation: Array, joints_rad: Array) -> Array:
+        """Joint angles ``(7,)`` at which the end effector is at a pose, or as near to it as the arm reaches.
+
+        Args:
+            position: Where it shall be ``(3,)``, robot base frame [m].
+            rotation: Its rotation matrix ``(3, 3)``.
+            joints_rad: Joint angles ``(7,)`` from which they are sought.
+        """
+        self._joints[:NUM_ARM_JOINTS] = joints_rad
+        mujoco.mj_kinematics(self._model, self._data)
+        self._measure_error(position, rotation)
+        self._solve(position, rotation)
+        joints: Array = self._joints[:NUM_ARM_JOINTS].copy()
+        return joints
+
     def _measure_error(self, position: Array, rotation: Array) -> None:
         """How far the end effector is from a pose: metres and, in the base frame, radians."""
         np.subtract(position, self._position, out=self._error[:3])

@@ -71,6 +71,7 @@ def train(
     config: TrainingConfig,
     *,
     seed: int,
+    estimators: Sequence[Path] = (),
     scratch: Path | None = None,
     device: str = "cpu",
     loaders: int | None = None,
@@ -90,6 +91,7 @@ def train(
         tasks: Assembly tasks that the episodes show.
         config: How to train.
         seed: Decides initial weights, split, order and noise.
+        estimators: Folders of estimators, for encoders that need some.
         scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
             training continues from it, bit for bit on a CPU.
         device: Torch device; a fact about the machine, not part of what is trained.
@@ -112,6 +114,7 @@ def train(
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
         network = build_policy(policy, tasks, torch_seed(seed, "weights"))
+        network.encoders.take_estimators(estimators)
         pretrained = load_pretrained(network, weights)
         loop = _set_up(episodes, sides, network, config, seed, torch_device, loaders, metrics or NullMetricSink())
         facts = loop.run(training_identity(episodes, _settings(policy, tasks, config, seed)), scratch, progress)

@@ -21,6 +21,7 @@ from juicer.artifacts.source_tree import Source, SourceTree
 from juicer.artifacts.store import ArtifactStore
 from juicer.demonstration.ingestion import IngestionConfig
 from juicer.policy.config import PolicyConfig
+from juicer.policy.encoders.estimated.config import EstimatedConfig
 from juicer.policy.encoders.images.config import ImagesConfig
 from juicer.reporting.comparison import ReportRow
 from juicer.tasks import content
@@ -33,6 +34,7 @@ from stages.augment import AugmentConfig, augment
 from stages.collect import CollectConfig, collect
 from stages.dataset import dataset
 from stages.encode import EncodeConfig, encode
+from stages.estimate import EstimateConfig, estimate
 from stages.evaluate import EvaluateConfig, evaluate
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
@@ -51,9 +53,11 @@ FROM_EVALUATION = {"evaluate", "report"}
 FROM_SELECTION = {"select", "mix", "retrain", *FROM_EVALUATION}
 FROM_TRAINING = {"train", "collect", *FROM_SELECTION}
 FROM_AUGMENTATION = {"augment", "dataset", *FROM_TRAINING}
-FROM_ANNOTATION = {"annotate", *FROM_AUGMENTATION}
+ESTIMATING = {"train on estimates", "evaluate estimates"}
+FROM_ANNOTATION = {"annotate", "estimate", *ESTIMATING, *FROM_AUGMENTATION}
 LOOKING = {"look and train", "look and evaluate"}
-FROM_DRAWING = {"render", "encode", "images", *LOOKING}
+FROM_DRAWING = {"render", "encode", "images", "estimate", *ESTIMATING, *LOOKING}
+EVALUATIONS = {"look and evaluate", "evaluate estimates"}
 FROM_INGESTION = {"ingest", "memorise", *FROM_DRAWING, *FROM_ANNOTATION}
 EVERYTHING = {"record", *FROM_INGESTION}
 NOTHING: set[str] = set()
@@ -134,10 +138,11 @@ COLUMN = rewrite('"confidence": pa.float64(),', '"confidence": pa.float64(),\n  
 MEMBERS = tuple(
     edit(name, f"juicer/policy/{path}", CODE, again)
     for name, path, again in (
-        ("the encoder of states", "encoders/features/config.py", FROM_TRAINING),
+        ("the encoder of states", "encoders/features/config.py", {"estimate"} | FROM_TRAINING | ESTIMATING),
+        ("the encoder that estimates", "encoders/estimated/network.py", {"estimate", *ESTIMATING}),
         ("the encoder of images", "encoders/images/network.py", {"encode", *LOOKING}),
         ("the backbone", "backbones/small_cnn/network.py", {"encode", *LOOKING}),
-        ("the head that the policies use", "heads/diffusion/network.py", FROM_TRAINING | LOOKING),
+        ("the head that the policies use", "heads/diffusion/network.py", FROM_TRAINING | LOOKING | ESTIMATING),
         ("a head that they do not use", "heads/mlp/network.py", NOTHING),
         ("a denoiser that they do not use", "denoisers/mlp/network.py", NOTHING),
     )
@@ -168,18 +173,25 @@ CHANGES = (
     edit("a rule that proposes critical states", "juicer/annotation/propose.py", CODE, FROM_ANNOTATION),
     edit("a column of the annotations table", "juicer/storage/annotations.py", COLUMN, FROM_ANNOTATION),
     edit("the augmentation's return path", "juicer/augmentation/plan.py", CODE, FROM_AUGMENTATION),
-    edit("the normaliser", "juicer/policy/normalizer.py", CODE, FROM_TRAINING | LOOKING),
+    edit("the normaliser", "juicer/policy/normalizer.py", CODE, {"estimate"} | FROM_TRAINING | LOOKING | ESTIMATING),
     edit(
         "how pretrained weights are read",
         "juicer/policy/pretrained/loading.py",
         CODE,
-        {"encode"} | FROM_TRAINING | LOOKING,
+        {"encode"} | FROM_TRAINING | LOOKING | ESTIMATING,
     ),
     edit("a file of weights that somebody publishes", "juicer/policy/pretrained/known.py", CODE, NOTHING),
-    edit("the optimiser's loop", "juicer/training/trainer.py", CODE, FROM_TRAINING | LOOKING),
-    edit("rollouts", "juicer/rollout.py", CODE, {"collect", "look and evaluate", *FROM_SELECTION}),
+    edit("the optimiser's loop", "juicer/training/trainer.py", CODE, FROM_TRAINING | LOOKING | ESTIMATING),
+    edit("how states are displaced", "juicer/estimation/perturbation.py", CODE, {"estimate", *ESTIMATING}),
+    edit("how an estimator learns", "juicer/estimation/learning.py", CODE, {"estimate", *ESTIMATING}),
+    edit("rollouts", "juicer/rollout.py", CODE, {"collect", *EVALUATIONS, *FROM_SELECTION}),
     edit("the rule of selection", "stages/select.py", CODE, FROM_SELECTION),
-    edit("a confidence interval", "juicer/evaluation.py", CODE, {"look and evaluate", *FROM_EVALUATION}),
+    edit(
+        "a confidence interval",
+        "juicer/evaluation.py",
+        CODE,
+        {*EVALUATIONS, *FROM_EVALUATION},
+    ),
 )
 
 EYES = ImagesConfig(views={"wrist": View(camera="wrist")})
@@ -253,6 +265,19 @@ def loop(task: str) -> dict[str, Recipe]:
     made["look and train"] = train(session, dataset=made["images"], config=TrainConfig(policy=LOOKING_POLICY))
     made["look and evaluate"] = evaluate(session, checkpoint=made["look and train"], config=EvaluateConfig(**start))
     made["annotate"] = annotate(session, episodes=demonstrations, config=AnnotationConfig())
+    estimated = EstimatedConfig()
+    made["estimate"] = estimate(
+        session, episodes=demonstrations, annotations=made["annotate"], config=EstimateConfig(encoder=estimated)
+    )
+    made["train on estimates"] = train(
+        session,
+        dataset=dataset(session, episodes=(demonstrations,), config=DatasetConfig()),
+        estimators=(made["estimate"],),
+        config=TrainConfig(policy=PolicyConfig(observation={"state": estimated})),
+    )
+    made["evaluate estimates"] = evaluate(
+        session, checkpoint=made["train on estimates"], config=EvaluateConfig(**start)
+    )
     made["augment"] = augment(session, episodes=demonstrations, annotations=made["annotate"], config=AugmentConfig())
     episodes = (demonstrations, made["augment"])
     made["dataset"] = dataset(session, episodes=episodes, config=DatasetConfig())
@@ -295,7 +320,7 @@ def test_what_shows_results_counts_for_the_report_alone_and_what_draws_for_those
             )
             draws = any(module.startswith("juicer.imaging") for module in recipe.modules)
             assert shows == (name == "report"), name
-            assert draws == (name in {"report", "render", "encode", *LOOKING}), name
+            assert draws == (name in {"report", "render", "encode", "estimate", *ESTIMATING, *LOOKING}), name
 
 
 def test_a_call_names_its_own_task_and_no_other(house: House) -> None:

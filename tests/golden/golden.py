@@ -30,6 +30,7 @@ from juicer.expert.operator import scripted_operators
 from juicer.policy.config import HorizonConfig, PolicyConfig
 from juicer.policy.denoisers.mlp.config import MLPDenoiserConfig
 from juicer.policy.denoisers.unet.config import UNetConfig
+from juicer.policy.feature_spec import feature_spec
 from juicer.policy.heads.diffusion.config import DiffusionConfig
 from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.policy.replay import ReplayPolicy
@@ -40,7 +41,6 @@ from juicer.tasks.registry import TASK_NAMES, get_task
 from juicer.training.config import PhysicalStateNoise, TrainingConfig, WindowConfig
 from juicer.training.trainer import TrainedCheckpoint, train
 from juicer.training.windows import TrainingEpisodes
-from stages.train import feature_spec
 
 TASK = "one_leg"
 """What is learned and evaluated."""

@@ -10,6 +10,7 @@ import pytest
 from juicer.episode import DEMONSTRATION, Outcome, Source
 from juicer.imaging.captions import GAP, Captioner, describe, ending
 from juicer.imaging.video import FilmFormat, Frame
+from juicer.views import View
 
 BOTH = FilmFormat(width=320, height=240)
 MILESTONES = {"top_placed": 3, "leg_lifted": 7}
@@ -87,3 +88,18 @@ def test_the_outcome_stands_clear_of_the_time(episode_factory):
     green = np.flatnonzero(((row[..., 1] > 180) & (row[..., 0] < 160)).any(axis=0))
     before = row[:, green[0] - 4 : green[0] - 1]
     assert before.max() < 60
+
+
+def test_what_the_policy_saw_stands_below_the_cameras_pixel_by_pixel(episode_factory):
+    views = (View(camera="front", width=32, height=16), View(camera="wrist", width=16, height=16))
+    film = replace(BOTH, views=views)
+    rng = np.random.default_rng(0)
+    seen = tuple(rng.integers(0, 256, (view.height, view.width, 3), dtype=np.uint8) for view in views)
+    frame = replace(frame_of(film, 5), seen=seen)
+    episode = episode_factory(12)
+    image, without = Captioner(episode, film).caption(frame), Captioner(episode, BOTH).caption(frame_of(BOTH, 5))
+    assert image.shape[1] == without.shape[1]
+    assert np.array_equal(image[: len(without) - 1], without[:-1])
+    row = image[len(without) :]
+    colours = {tuple(colour) for colour in seen[1][-4:].reshape(-1, 3).tolist()}
+    assert colours <= {tuple(colour) for colour in row.reshape(-1, 3).tolist()}

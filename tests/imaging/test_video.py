@@ -13,7 +13,8 @@ import pytest
 from juicer.episode import STATE_KEY, Episode
 from juicer.errors import ConfigError, InvalidEpisode
 from juicer.imaging.video import FilmFormat, Image, draw, every, write_strip, write_video
-from juicer.views import CAMERAS
+from juicer.sim.env import AssemblyEnv
+from juicer.views import CAMERAS, View
 
 IMAGE: Image = np.zeros((32, 48, 3), np.uint8)
 
@@ -97,3 +98,13 @@ def test_a_state_of_an_explosion_is_left_out_and_one_of_another_scene_is_refused
 def test_a_size_that_cannot_be_drawn_or_read_is_refused(size: tuple[int, int]):
     with pytest.raises(ConfigError, match="measures 160x120 to 1280x720 pixels"):
         FilmFormat(width=size[0], height=size[1])
+
+
+def test_a_film_shows_what_a_policy_saw(drawing, insertions):
+    view = View(camera="wrist", width=24, height=16)
+    film = FilmFormat(("front",), 160, 120, (view,))
+    (frame,) = draw(insertions[0], [7], film)
+    env = AssemblyEnv("one_leg")
+    env.set_state(insertions[0].state(7))
+    np.testing.assert_array_equal(frame.seen[0], env.render_view(view))
+    env.close()

@@ -90,7 +90,7 @@ from juicer.storage.episodes import EpisodeReader
 from juicer.training.config import TrainingConfig
 from juicer.training.trainer import train
 from juicer.training.windows import TrainingEpisodes
-from stages.train import feature_spec
+from juicer.policy.feature_spec import feature_spec
 
 policy = parse_config(json.loads(sys.argv[1]), PolicyConfig, origin="test")
 rng, length = np.random.default_rng(0), 30
@@ -156,7 +156,7 @@ def test_every_folder_is_a_member_and_every_member_has_a_folder():
         ({"observation": {"state": {}}}, "observation.state: must say its 'kind'"),
         (
             {"observation": {"state": {"kind": "feature"}}},
-            "kind must be one of features, images, proprioception.*did you mean 'features'",
+            "kind must be one of estimated, features, images, proprioception.*did you mean 'features'",
         ),
         ({"observation": {"state": {"kind": "features", "pair": 1}}}, "unknown key .*; did you mean 'pairs'"),
         ({"observation": {"pairs": "all"}}, r"observation: names one encoder or several, e\.g\. {state: {kind: feat"),

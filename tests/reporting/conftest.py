@@ -13,6 +13,7 @@ from juicer.reporting.content import (
     AugmentationYield,
     DatasetSize,
     EpisodeVideo,
+    EstimatorErrors,
     EvaluatedEpisode,
     EvaluatedModel,
     Funnel,
@@ -141,6 +142,7 @@ def report_data() -> ReportData:
                 "50 demonstrations", 150, {"did_not_return": 31, "part_dropped": 12}, {"insert leg": (150, 193)}
             ),
         ),
+        estimators=(EstimatorErrors("one_leg", {"insert leg": (0.94, 1.3)}),),
         datasets=(
             DatasetSize("BC", {"teleop": 50}, {"teleop": 28_900}),
             DatasetSize(

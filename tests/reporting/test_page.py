@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from juicer.reporting.content import EvaluatedEpisode, Funnel, ReportData, TrainingCurve
+from juicer.reporting.content import EstimatorErrors, EvaluatedEpisode, Funnel, ReportData, TrainingCurve
 from juicer.reporting.page import render_page, write_page
 
 VOID = {"meta", "link", "br", "img", "input"}
@@ -120,6 +120,7 @@ def test_a_text_of_any_letters_is_shown_and_steers_nothing(report_data: ReportDa
         models=(model,),
         lineage=(node,),
         augmentations=(replace(report_data.augmentations[0], label=text, rejected={text: 3}),),
+        estimators=(EstimatorErrors(text, {text: (1.0, 2.0)}),),
     )
     write_page(data, tmp_path / "report.html")
     page = (tmp_path / "report.html").read_bytes().decode("utf-8")
@@ -128,6 +129,11 @@ def test_a_text_of_any_letters_is_shown_and_steers_nothing(report_data: ReportDa
     assert parser.open == []
     assert page.count("<script>") == page.count("</script>") == 1
     assert not re.search("[\x00-\x08\x0b-\x1f\x7f\u202e\ud800]", page)
+
+
+def test_the_error_of_an_estimator_is_told_for_each_critical_state(report_data: ReportData):
+    assert "one_leg insert leg 0.9 mm 1.3°" in text_of(render_page(report_data))
+    assert "What is read off images" not in text_of(render_page(replace(report_data, estimators=())))
 
 
 def test_videos_and_stills_are_part_of_the_page(report_data: ReportData):

@@ -7,16 +7,22 @@ tanh(x / scale). They are functions of the observed poses and nothing more.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 
+from juicer.episode import PROPRIOCEPTION_SIZE
 from juicer.policy.actions import POSITION, ROTATION
 from juicer.policy.config import FeatureSpec, PairSpec, Target
 from juicer.policy.encoders.features.config import FeaturesConfig
 from juicer.policy.rotations import matrix_to_rot6d, quat_to_matrix, rot6d_to_matrix, rotate_back
+from juicer.policy.tasks import size_of_part_poses
+
+_SATURATED = 0.85
+"""From where on a coarser copy tells more."""
 
 
 class _BatchedPose(NamedTuple):
@@ -60,6 +66,45 @@ def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config
     which = nn.functional.one_hot(following, len(pairs))[..., 1:]
     features = torch.take_along_dim(torch.stack(pairs, dim=-2), shown, dim=-2).flatten(-2)
     return torch.cat([proprioception, features, which], dim=-1)
+
+
+def num_features(spec: FeatureSpec, config: FeaturesConfig) -> int:
+    """How many features a task has."""
+    sizes = {"proprioception": PROPRIOCEPTION_SIZE, "part_poses": size_of_part_poses(spec)}
+    blank = {name: torch.zeros(1, size) for name, size in sizes.items()}
+    return state_features(blank, spec, config).shape[-1]
+
+
+def num_choices(spec: FeatureSpec, config: FeaturesConfig) -> int:
+    """Among how many pairs the one that is next is told, by the last features: one number for each but the first."""
+    return len(spec.pairs) if config.pairs == "next" else 1
+
+
+class SeenPair(NamedTuple):
+    """What features tell of the pair that is shown first.
+
+    Attributes:
+        offsets_m: Where the first part is as seen from the gripper, the second from there, and the second from its
+            target ``(..., 3, 3)`` [m].
+        axes: Their y axes, as seen from there ``(..., 3, 3)``.
+    """
+
+    offsets_m: Tensor
+    axes: Tensor
+
+
+def read_pair(features: Tensor, config: FeaturesConfig) -> SeenPair:
+    """Read features ``(..., F)`` back, each coordinate of an offset from its finest copy that does not saturate."""
+    numbers, shape = features[..., PROPRIOCEPTION_SIZE:], features.shape[:-1]
+    # Of five poses, the last three; each is an offset and a rotation.
+    poses = numbers[..., 18:45].reshape(*shape, 3, 9)
+    offsets = poses[..., :3]
+    for number, scale_m in sorted(enumerate(config.fine_scales_m), key=lambda each: -each[1]):
+        start = 48 + 12 * number
+        copy = numbers[..., start : start + 9].reshape(*shape, 3, 3).clamp(-_SATURATED, _SATURATED)
+        is_told = offsets.abs() < scale_m * math.atanh(_SATURATED)
+        offsets = torch.where(is_told, copy.atanh() * scale_m, offsets)
+    return SeenPair(offsets, rot6d_to_matrix(poses[..., 3:])[..., :, 1])
 
 
 class _PlacedPair(NamedTuple):

@@ -1,0 +1,224 @@
+"""How an estimator learns from drawn scenes, and how far off it is where precision decides."""
+
+from __future__ import annotations
+
+import copy
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from juicer.errors import TrainingFailed
+from juicer.estimation.lessons import Lessons
+from juicer.policy.encoders.estimated.estimator import Estimator
+from juicer.policy.encoders.features.features import read_pair, state_features
+from juicer.policy.torch_settings import compute_settings, has_fast_bfloat16, usable_device
+from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progress
+from juicer.tasks.specification import CriticalState, Insertion
+from juicer.training.learner import MOMENTS
+from juicer.training.source import BatchOrder
+from juicer.training.state import TrainingState, load_state, save_state
+
+WEIGHT_DECAY = 1e-2
+WARMUP_STEPS = 50
+AVERAGE_DECAY = 0.998
+"""Of the moving average of the weights, which is what is kept."""
+LARGEST_GRADIENT = 1.0
+REPORT_EVERY = 50
+SAVE_EVERY = 250
+MEASURED_AT_ONCE = 256
+_BASE, _PART, _IN_TARGET = range(3)
+"""Places in what :func:`read_pair` yields."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How far an estimator is off.
+
+    Attributes:
+        loss: Over all scenes.
+        error_mm: By name of a critical state, the mean distance at the scenes close to it between where a part is and
+            where it seems to be: one that is grasped as seen from the gripper, one that is inserted from its target.
+        error_deg: Likewise, the mean angle between its axis and what seems to be it.
+    """
+
+    loss: float
+    error_mm: Mapping[str, float]
+    error_deg: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What an estimator has learned.
+
+    Attributes:
+        estimator: With averaged weights.
+        loss: At the end, of the scenes that it learned from.
+        errors: On those that were held out.
+    """
+
+    estimator: Estimator
+    loss: float
+    errors: Errors
+
+
+def learn(
+    estimator: Estimator,
+    lessons: Lessons,
+    held_out: Lessons,
+    critical_states: Sequence[tuple[str, CriticalState]],
+    *,
+    seed: int,
+    identity: str,
+    scratch: Path | None = None,
+    device: str = "cpu",
+    progress: Progress = silent_progress,
+    metrics: MetricSink | None = None,
+) -> Learned:
+    """Teach an estimator what is true of drawn scenes.
+
+    Args:
+        estimator: With initial weights; it is changed.
+        lessons: Scenes to learn from.
+        held_out: Scenes to be measured on.
+        critical_states: Names and kinds of the task's critical states, by index.
+        seed: Decides the order of the scenes.
+        identity: Of what is learned: an unfinished training in ``scratch`` of another one is passed over.
+        scratch: Folder for the state of an unfinished training, from which it continues.
+        device: Torch device.
+        progress: Called with the steps done, the loss and the seconds left.
+        metrics: Called with the loss.
+
+    Raises:
+        TrainingFailed: If the loss is no longer a number.
+        ConfigError: If there is no such device.
+    """
+    torch_device = usable_device(device)
+    with compute_settings(estimator.config.estimator.threads, "medium"):
+        loop = _Loop(estimator, lessons, torch_device, seed)
+        loss = loop.run(identity, scratch, progress, metrics or NullMetricSink())
+        errors = measure(loop.average, held_out, critical_states)
+    return Learned(loop.average.cpu(), loss, errors)
+
+
+class _Loop:
+    """Steps, reports and saves in their order."""
+
+    def __init__(self, estimator: Estimator, lessons: Lessons, device: torch.device, seed: int) -> None:
+        self._config = estimator.config.estimator
+        self._lessons = lessons
+        features = _true_features(estimator, lessons)
+        estimator.normalizer.fit(features)
+        self._features = features.to(device)
+        self._estimator = estimator.to(device, memory_format=torch.channels_last).train()  # type: ignore[call-overload]
+        self.average = copy.deepcopy(self._estimator).eval().requires_grad_(False)
+        self._device = device
+        self._parameters = list(estimator.parameters())
+        self._optimizer = torch.optim.AdamW(
+            self._parameters, lr=self._config.learning_rate, weight_decay=WEIGHT_DECAY, fused=True
+        )
+        self._order = BatchOrder(len(lessons), self._config.batch_size, seed)
+
+    def run(self, identity: str, scratch: Path | None, progress: Progress, metrics: MetricSink) -> float:
+        steps, loss_sum, shown = self._config.steps, 0.0, math.nan
+        first = self._resume(identity, scratch)
+        started = time.monotonic()
+        for step in range(first, steps):
+            loss_sum += self._learn(step)
+            done = step + 1
+            if done % REPORT_EVERY == 0 or done == steps:
+                shown, loss_sum = loss_sum / (done % REPORT_EVERY or REPORT_EVERY), 0.0
+                if not math.isfinite(shown):
+                    raise TrainingFailed(
+                        f"the loss of the estimator is no longer a number by step {done}; lower its learning_rate "
+                        f"(now {self._config.learning_rate})"
+                    )
+                metrics.log({"train/loss": shown}, done)
+                left = (time.monotonic() - started) / (done - first) * (steps - done)
+                progress(done, steps, loss=shown, seconds_left=round(left))
+            if scratch is not None and done % SAVE_EVERY == 0 and done < steps:
+                save_state(scratch, TrainingState(identity, done, self._tensors()))
+        return shown
+
+    def _learn(self, step: int) -> float:
+        rows = self._order.rows(step).sort().values
+        # Taken in the order in which they lie on the disk.
+        images = [torch.from_numpy(images[rows.numpy()]).to(self._device) for images in self._lessons.images.values()]
+        reduced = self._device.type != "cpu" or has_fast_bfloat16()
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=reduced):
+            loss = self._estimator.compute_loss(images, self._features[rows])
+        self._optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self._parameters, LARGEST_GRADIENT)
+        self._optimizer.param_groups[0]["lr"] = self._rate(step)
+        self._optimizer.step()
+        with torch.no_grad():
+            decay = min(AVERAGE_DECAY, (1 + step) / (10 + step))
+            averages: list[Tensor] = list(self.average.parameters())
+            torch._foreach_lerp_(averages, list(self._parameters), 1 - decay)
+        return float(loss.detach())
+
+    def _rate(self, step: int) -> float:
+        """Linear warm-up, then a cosine that ends at zero."""
+        rise = min(1.0, (step + 1) / WARMUP_STEPS)
+        return self._config.learning_rate * rise * 0.5 * (1 + math.cos(math.pi * step / self._config.steps))
+
+    def _tensors(self) -> dict[str, Tensor]:
+        """Everything that later steps depend on, by name; safetensors writes the usual memory format only."""
+        tensors = {f"network.{name}": value for name, value in self._estimator.state_dict().items()}
+        tensors |= {f"average.{name}": value for name, value in self.average.state_dict().items()}
+        for index, parameter in enumerate(self._parameters):
+            moments = self._optimizer.state[parameter]
+            tensors |= {f"{moment}.{index}": moments[moment] for moment in MOMENTS}
+        return {name: value.contiguous() for name, value in tensors.items()}
+
+    @torch.no_grad()
+    def _resume(self, identity: str, scratch: Path | None) -> int:
+        state = None if scratch is None else load_state(scratch, identity)
+        if state is None:
+            return 0
+        for prefix, network in (("network.", self._estimator), ("average.", self.average)):
+            network.load_state_dict({name: state.tensors[prefix + name] for name in network.state_dict()})
+        for index, parameter in enumerate(self._parameters):
+            self._optimizer.state[parameter] = {
+                "step": torch.tensor(float(state.step), device=parameter.device),
+                **{each: torch.empty_like(parameter).copy_(state.tensors[f"{each}.{index}"]) for each in MOMENTS},
+            }
+        return state.step
+
+
+@torch.inference_mode()
+def measure(estimator: Estimator, lessons: Lessons, critical_states: Sequence[tuple[str, CriticalState]]) -> Errors:
+    """How far an estimator is off, over all scenes and close to each critical state."""
+    device = estimator.normalizer.offset.device
+    views = estimator.config.estimator.views.values()
+    true = _true_features(estimator, lessons)
+    proprioception = torch.from_numpy(lessons.observations["proprioception"])
+    estimates, loss = [], 0.0
+    for start in range(0, len(lessons), MEASURED_AT_ONCE):
+        rows = slice(start, start + MEASURED_AT_ONCE)
+        images = {view.name: torch.from_numpy(np.array(lessons.images[view.name][rows])).to(device) for view in views}
+        estimates.append(estimator({"proprioception": proprioception[rows].to(device), **images}).cpu())
+        loss += len(true[rows]) * float(estimator.compute_loss(list(images.values()), true[rows].to(device)))
+    features = estimator.config.features
+    seen, truth = (read_pair(each, features) for each in (torch.cat(estimates), true))
+    distance_m = (seen.offsets_m - truth.offsets_m).norm(dim=-1)
+    angle_rad = torch.acos((seen.axes * truth.axes).sum(dim=-1).clamp(-1, 1))
+    error_mm, error_deg = {}, {}
+    for index, (name, state) in enumerate(critical_states):
+        close = torch.from_numpy(lessons.critical_states == index)
+        if close.any():
+            what = _IN_TARGET if isinstance(state, Insertion) else _BASE if state.part == 0 else _PART
+            error_mm[name] = 1000 * float(distance_m[close, what].mean())
+            error_deg[name] = float(angle_rad[close, what].rad2deg().mean())
+    return Errors(loss / max(len(lessons), 1), error_mm, error_deg)
+
+
+def _true_features(estimator: Estimator, lessons: Lessons) -> Tensor:
+    observations = {name: torch.from_numpy(np.asarray(values)) for name, values in lessons.observations.items()}
+    return state_features(observations, estimator.spec, estimator.config.features)

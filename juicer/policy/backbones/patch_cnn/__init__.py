@@ -1,0 +1,1 @@
+"""A small convolutional network that begins with patches, and is as wide as processors like it."""

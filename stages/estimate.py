@@ -1,0 +1,86 @@
+"""An estimator learns to read off images where parts are, from recorded states and displaced ones."""
+
+from __future__ import annotations
+
+from juicer.artifacts.ref import ArtifactRef
+from juicer.config import Seed, StrictConfig
+from juicer.displacements import Displacements
+from juicer.policy.encoders.estimated.config import EstimatedConfig
+from juicer.storage.annotations import read_annotations
+from juicer.storage.columns import DRAWN_BY
+from juicer.storage.curves import CurveWriter
+from juicer.storage.episodes import EpisodeReader
+from juicer.tasks.registry import get_task
+from stages.runtime.context import StageContext
+from stages.runtime.stage import stage
+
+UNDISPLACED = Displacements(**dict.fromkeys(Displacements.model_fields, 0.0))
+
+
+class EstimateConfig(StrictConfig):
+    """What is estimated, from what, and how that is learned."""
+
+    encoder: EstimatedConfig = EstimatedConfig()
+    seed: Seed = 0
+
+
+@stage(
+    kind="estimator",
+    inputs={"episodes": "episodes", "annotations": "annotations"},
+    libraries=("mujoco", "numpy", "torch"),
+    noun="states",
+    counts="states",
+    headline=("states", "validation/loss"),
+    needs="device",
+)
+def estimate(context: StageContext, *, episodes: ArtifactRef, annotations: ArtifactRef, config: EstimateConfig) -> None:
+    """Learn where parts are from displaced renderings of recorded states; the poses are the simulator's."""
+    from juicer.estimation.drawing import draw_lessons
+    from juicer.estimation.learning import learn
+    from juicer.estimation.scenes import Recorded
+    from juicer.policy.encoders.estimated.estimator import build_estimator
+    from juicer.policy.encoders.estimated.files import save_estimator
+    from juicer.policy.feature_spec import feature_spec
+
+    reader = EpisodeReader(context.store.open(episodes, "episodes"))
+    reader.require_state()
+    estimator, seed, scratch = config.encoder.estimator, config.seed, context.draft.scratch
+    task = get_task(reader.records[0].task)
+    rows = read_annotations(context.store.open(annotations, "annotations"))
+    recorded = Recorded(reader, rows, estimator.validation_fraction, seed)
+    sides = {
+        "learned": (recorded.to_learn_from(estimator.states, estimator.near_critical), estimator.displacements),
+        "held_out": (recorded.to_be_measured_on(), UNDISPLACED),
+    }
+    lessons = {
+        name: draw_lessons(
+            reader, chosen, displacements, estimator.views.values(), scratch / name,
+            seed=seed, workers=context.machine.workers, progress=context.progress,
+        )
+        for name, (chosen, displacements) in sides.items()
+    }  # fmt: skip
+    curves = CurveWriter(scratch, context.metrics)
+    learned = learn(
+        build_estimator(config.encoder, feature_spec(task.name), seed),
+        lessons["learned"],
+        lessons["held_out"],
+        tuple(zip(task.critical_state_names, task.critical_states, strict=True)),
+        seed=seed,
+        identity=context.draft.ref.id,
+        scratch=scratch / "state",
+        device=context.machine.device,
+        progress=context.progress,
+        metrics=curves,
+    )
+    save_estimator(context.draft.path, learned.estimator, task.name)
+    curves.finish(context.draft.path)
+    context.draft.summary |= {
+        "task": task.name,
+        "states": estimator.states,
+        "steps": estimator.steps,
+        DRAWN_BY: sorted({each.drawn_by for each in lessons.values()}),
+        "train/loss": learned.loss,
+        "validation/loss": learned.errors.loss,
+        "error_mm": dict(learned.errors.error_mm),
+        "error_deg": dict(learned.errors.error_deg),
+    }

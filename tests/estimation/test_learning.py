@@ -1,0 +1,146 @@
+"""An estimator learns, goes on where it was killed, and says how far off it is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from juicer.estimation.learning import learn, measure
+from juicer.estimation.lessons import Lessons
+from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
+from juicer.policy.config import FeatureSpec, PairSpec
+from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
+from juicer.policy.encoders.estimated.estimator import build_estimator
+from juicer.policy.encoders.features.features import state_features
+from juicer.policy.feature_spec import feature_spec
+from juicer.sim.env import AssemblyEnv
+from juicer.tasks.registry import TASK_NAMES
+from juicer.tasks.specification import Grasp, Insertion
+from juicer.views import View
+
+VIEW = View(camera="front", width=16, height=16)
+CRITICAL_STATES = (("grasp leg", Grasp(1)), ("insert leg", Insertion(0)))
+
+
+def spec(num_pairs=1):
+    pair = PairSpec(first=0, second=1, target=(0.0, 0.05, 0.0, 1.0, 0.0, 0.0, 0.0))
+    return FeatureSpec(num_parts=2, pairs=(pair,) * num_pairs, mounted_m=0.005, mounted_cosine=0.94)
+
+
+def configuration(**changes):
+    small = {"steps": 40, "batch_size": 16, "width": 32, "threads": 1, "views": {"front": VIEW}}
+    backbone = PatchCNNConfig(quarter=8, eighth=8, quarter_blocks=0, eighth_blocks=1, maps=4)
+    return EstimatedConfig(estimator=EstimatorConfig(backbone=backbone, **{**small, **changes}))
+
+
+def lessons(number=64, seed=0):
+    """Scenes whose images tell where the second part is by their brightness."""
+    rng = np.random.default_rng(seed)
+    brightness = rng.integers(0, 256, number)
+    images = np.broadcast_to(brightness[:, None, None, None], (number, 16, 16, 3)).astype(np.uint8)
+    proprioception = np.zeros((number, 16), np.float32)
+    proprioception[:, 3:9] = (1, 0, 0, 0, 1, 0)
+    poses = np.tile(np.array([0, 0, 0, 1, 0, 0, 0], np.float32), (number, 2))
+    poses[:, 7] = brightness / 255 * 0.1
+    observations = {"proprioception": proprioception, "part_poses": poses}
+    return Lessons({VIEW.name: images}, observations, rng.integers(-1, 2, number))
+
+
+def learned(config, scratch=None, **changes):
+    return learn(
+        build_estimator(config, spec(), seed=0),
+        lessons(), lessons(32, seed=1), CRITICAL_STATES, seed=0, identity="x", scratch=scratch, **changes,
+    )  # fmt: skip
+
+
+def test_it_learns_where_a_part_is():
+    config = configuration(steps=400)
+    before = measure(build_estimator(config, spec(), seed=0), lessons(32, seed=1), CRITICAL_STATES)
+    errors = learned(config).errors
+    assert errors.loss < 0.2 * before.loss
+    assert errors.error_mm["insert leg"] < 10
+    assert set(errors.error_mm) == set(errors.error_deg) == {"grasp leg", "insert leg"}
+
+
+def test_a_true_estimate_has_no_error():
+    class Knowing(torch.nn.Module):
+        def __init__(self, estimator, shown):
+            super().__init__()
+            self.config, self.normalizer, self.spec = estimator.config, estimator.normalizer, estimator.spec
+            self.compute_loss = estimator.compute_loss
+            observations = {name: torch.from_numpy(values) for name, values in shown.observations.items()}
+            self.features = state_features(observations, spec(), estimator.config.features)
+
+        def forward(self, observations):
+            return self.features
+
+    shown = lessons(32)
+    errors = measure(Knowing(build_estimator(configuration(), spec(), seed=0), shown), shown, CRITICAL_STATES)
+    assert set(errors.error_mm.values()) == {0}
+
+
+def test_a_killed_training_goes_on_to_the_same_weights(tmp_path, monkeypatch):
+    monkeypatch.setattr("juicer.estimation.learning.SAVE_EVERY", 10)
+    monkeypatch.setattr("juicer.estimation.learning.REPORT_EVERY", 5)
+    whole = learned(configuration()).estimator
+
+    class Killed(Exception):
+        pass
+
+    def stop(done, total, **facts):
+        if done == 25:
+            raise Killed
+
+    with pytest.raises(Killed):
+        learned(configuration(), scratch=tmp_path, progress=stop)
+    seen = []
+    resumed = learned(configuration(), scratch=tmp_path, progress=lambda done, *_, **__: seen.append(done)).estimator
+    assert seen[0] == 25
+    for name, value in whole.state_dict().items():
+        torch.testing.assert_close(resumed.state_dict()[name], value, rtol=0, atol=0, msg=name)
+
+
+def test_of_several_pairs_one_is_chosen_and_never_a_blend():
+    estimator = build_estimator(configuration(), spec(num_pairs=3), seed=0)
+    shown = lessons(8)
+    estimates = estimator(
+        {
+            "proprioception": torch.from_numpy(shown.observations["proprioception"]),
+            VIEW.name: torch.from_numpy(shown.images[VIEW.name].copy()),
+        }
+    )
+    which = estimates[:, -2:]
+    assert ((which == 0) | (which == 1)).all()
+    assert (which.sum(dim=-1) <= 1).all()
+
+
+@pytest.mark.parametrize("task", TASK_NAMES)
+def test_the_features_of_every_task_are_estimated_in_their_places(task):
+    env = AssemblyEnv(task)
+    observations = [env.reset(seed=seed)[0] for seed in range(4)]
+    shown = {name: torch.from_numpy(np.stack([each[name] for each in observations])) for name in observations[0]}
+    config = configuration()
+    estimator = build_estimator(config, feature_spec(task), seed=0)
+    features = state_features(shown, estimator.spec, config.features)
+    estimator.normalizer.fit(features)
+    images = torch.zeros(4, VIEW.height, VIEW.width, 3, dtype=torch.uint8)
+    estimates = estimator({"proprioception": shown["proprioception"], VIEW.name: images})
+    assert estimates.shape == features.shape
+    torch.testing.assert_close(estimates[:, :16], features[:, :16])
+    assert estimator.compute_loss([images], features).isfinite()
+
+
+def test_it_learns_which_pair_is_next():
+    choices = torch.arange(12).remainder(3)
+    which = torch.nn.functional.one_hot(choices, 3)[:, 1:].float()
+    estimator = build_estimator(configuration(), spec(num_pairs=3), seed=0)
+    features = torch.cat([torch.zeros(12, estimator.normalizer.offset.shape[0] - 2), which], dim=-1)
+    images = (120 * choices[:, None, None, None]).expand(12, 16, 16, 3).to(torch.uint8)
+    optimizer = torch.optim.AdamW(estimator.parameters(), lr=1e-2)
+    for _ in range(60):
+        optimizer.zero_grad()
+        estimator.compute_loss([images], features).backward()
+        optimizer.step()
+    estimates = estimator({"proprioception": features[:, :16], VIEW.name: images})
+    torch.testing.assert_close(estimates[:, -2:], which)

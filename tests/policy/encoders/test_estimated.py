@@ -1,0 +1,167 @@
+"""Policies that learn from true poses and act on what an estimator reads off images."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import torch
+
+from juicer.errors import ConfigError, InvalidCheckpoint
+from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
+from juicer.policy.checkpoint import Checkpoint, CheckpointMetadata, load_checkpoint, save_checkpoint
+from juicer.policy.config import PolicyConfig
+from juicer.policy.encoder import Encoders
+from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
+from juicer.policy.encoders.estimated.estimator import build_estimator
+from juicer.policy.encoders.estimated.files import ESTIMATOR_FILE, WEIGHTS_FILE, load_estimator, save_estimator
+from juicer.policy.encoders.features.config import FeaturesConfig
+from juicer.policy.network import build_policy
+from juicer.views import View
+
+VIEWS = {"front": View(camera="front", width=16, height=16), "wrist": View(camera="wrist", width=32, height=16)}
+SMALL = PatchCNNConfig(quarter=8, eighth=8, quarter_blocks=0, eighth_blocks=1, maps=4)
+CONFIG = EstimatedConfig(estimator=EstimatorConfig(views=VIEWS, backbone=SMALL, width=16))
+POLICY = PolicyConfig(observation={"state": CONFIG}, head={"kind": "mlp", "width": 16, "blocks": 1})
+
+
+@pytest.fixture
+def lessons(observe):
+    return {name: torch.from_numpy(values)[:, None] for name, values in observe(6).items()}
+
+
+def kept(folder, *estimators):
+    """Folders that hold them."""
+    folders = [folder / str(number) for number in range(len(estimators))]
+    for each, estimator in zip(folders, estimators, strict=True):
+        each.mkdir()
+        save_estimator(each, estimator, "toy")
+    return folders
+
+
+@pytest.fixture
+def estimator(spec, lessons):
+    from juicer.policy.encoders.features.features import state_features
+
+    estimator = build_estimator(CONFIG, spec, seed=1)
+    estimator.normalizer.fit(state_features(lessons, spec, CONFIG.features))
+    return estimator
+
+
+def images(rows=6, seed=0):
+    generator = torch.Generator().manual_seed(seed)
+    return {
+        view.name: torch.randint(0, 256, (rows, 1, view.height, view.width, 3), dtype=torch.uint8, generator=generator)
+        for view in VIEWS.values()
+    }
+
+
+def test_it_learns_from_poses_and_acts_on_images(tasks):
+    encoders = Encoders(POLICY, tasks)
+    assert [spec.name for spec in encoders.lessons] == ["proprioception", "part_poses"]
+    assert [spec.name for spec in encoders.observations] == ["proprioception", *(view.name for view in VIEWS.values())]
+    assert encoders.account == "images, poses in training"
+    assert POLICY.learned_views == ()
+
+
+def test_lessons_are_what_a_state_policy_is_shown(tasks, lessons):
+    state = Encoders(PolicyConfig(observation={"state": FeaturesConfig()}), tasks)
+    encoders = Encoders(POLICY, tasks)
+    for each in (state, encoders):
+        each.fit(lessons)
+    torch.testing.assert_close(
+        encoders.prepare_lessons(lessons)["state"], state.prepare(lessons)["state"], rtol=0, atol=0
+    )
+
+
+def test_estimates_go_through_the_policys_own_limits_and_clip(tmp_path, tasks, lessons, estimator):
+    encoders = Encoders(POLICY, tasks)
+    encoders.take_estimators(kept(tmp_path, estimator))
+    encoders.fit(lessons)
+    shown = {"proprioception": lessons["proprioception"], **images()}
+    seen = encoders.prepare(shown)["state"]
+    limits = encoders.members[0].features.normalizers[0]
+    expected = limits.normalize(estimator(shown)).clamp(-CONFIG.features.clip, CONFIG.features.clip)
+    torch.testing.assert_close(seen, expected)
+    torch.testing.assert_close(seen[..., :16], encoders.prepare_lessons(lessons)["state"][..., :16])
+
+
+def test_the_estimator_is_no_part_of_what_is_learned(tasks):
+    network = build_policy(POLICY, tasks, seed=0)
+    state = build_policy(POLICY.model_copy(update={"observation": {"state": FeaturesConfig()}}), tasks, seed=0)
+    assert network.num_parameters == state.num_parameters
+    assert not network.train().encoders.members[0].estimators.training
+
+
+def test_a_policy_of_several_tasks_has_an_estimator_for_each(tmp_path, spec, lessons):
+    tasks = {"toy": spec, "other": spec.model_copy(update={"mounted_m": 0.01})}
+    encoders = Encoders(POLICY, tasks)
+    encoders.take_estimators(
+        kept(tmp_path, *(build_estimator(CONFIG, spec, seed) for seed, spec in enumerate(tasks.values())))
+    )
+    encoders.fit({**lessons, "task": torch.arange(6).remainder(2).reshape(6, 1, 1).float()})
+    first, second = (
+        encoders.prepare({"proprioception": lessons["proprioception"], **images(), "task": torch.full((6, 1, 1), task)})
+        for task in (0.0, 1.0)
+    )
+    assert not torch.equal(first["state"], second["state"])
+
+
+def test_without_an_estimator_it_says_how_to_make_one(tmp_path, tasks, spec):
+    encoders = Encoders(POLICY, tasks)
+    larger = CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update={"width": 32})})
+    with pytest.raises(ConfigError, match=r"poses of toy from images, and no estimator .* stage 'estimate'"):
+        encoders.take_estimators(kept(tmp_path, build_estimator(larger, spec, seed=0)))
+
+
+def test_a_checkpoint_acts_without_anything_beside_it(tmp_path, tasks, lessons, estimator):
+    network = build_policy(POLICY, tasks, seed=0)
+    network.encoders.take_estimators(kept(tmp_path, estimator))
+    network.encoders.fit(lessons)
+    metadata = CheckpointMetadata(policy=POLICY, tasks=tasks, acting_weights="raw", step=1)
+    save_checkpoint(tmp_path / "checkpoint", Checkpoint(metadata, network.state_dict(), None))
+    policy = load_checkpoint(tmp_path / "checkpoint").policy("toy")
+    shown = {"proprioception": lessons["proprioception"], **images()}
+    seen = policy._network.encoders.prepare(shown)["state"]
+    torch.testing.assert_close(seen, network.encoders.prepare(shown)["state"], rtol=0, atol=0)
+
+
+def test_an_estimator_is_kept_in_files(tmp_path, estimator, lessons):
+    save_estimator(tmp_path, estimator.to(memory_format=torch.channels_last), "toy")
+    loaded = load_estimator(tmp_path)
+    assert loaded.is_like(estimator)
+    shown = {"proprioception": lessons["proprioception"], **images()}
+    torch.testing.assert_close(loaded(shown), estimator(shown))
+    assert {path.name for path in tmp_path.iterdir()} == {ESTIMATOR_FILE, WEIGHTS_FILE}
+
+
+@pytest.mark.parametrize(
+    ("damage", "sentence"),
+    [
+        ({"schema_version": 99}, "schema version 99"),
+        ({"surprise": 1}, "surprise"),
+        ({"spec": None}, "spec"),
+    ],
+)
+def test_a_file_that_means_something_else_is_refused(tmp_path, estimator, damage, sentence):
+    save_estimator(tmp_path, estimator, "toy")
+    path = tmp_path / ESTIMATOR_FILE
+    path.write_text(json.dumps({**json.loads(path.read_text()), **damage}))
+    with pytest.raises(InvalidCheckpoint, match=sentence):
+        load_estimator(tmp_path)
+
+
+def test_weights_of_another_network_are_refused(tmp_path, estimator, spec):
+    save_estimator(tmp_path, estimator, "toy")
+    larger = CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update={"width": 32})})
+    other = tmp_path / "other"
+    other.mkdir()
+    save_estimator(other, build_estimator(larger, spec, seed=0), "toy")
+    (other / WEIGHTS_FILE).replace(tmp_path / WEIGHTS_FILE)
+    with pytest.raises(InvalidCheckpoint, match="does not fit its own configuration"):
+        load_estimator(tmp_path)
+
+
+def test_a_folder_without_an_estimator_is_refused(tmp_path):
+    with pytest.raises(InvalidCheckpoint, match=f"is not an estimator: it has no {ESTIMATOR_FILE}"):
+        load_estimator(tmp_path)

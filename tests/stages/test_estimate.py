@@ -1,0 +1,110 @@
+"""An estimator as a stage of the loop: from demonstrations to a policy that acts on images."""
+
+from __future__ import annotations
+
+import pytest
+
+from juicer.annotation.propose import AnnotationConfig
+from juicer.artifacts.store import ArtifactStore
+from juicer.demonstration.ingestion import IngestionConfig
+from juicer.demonstration.log import write_log
+from juicer.errors import ConfigError
+from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
+from juicer.policy.checkpoint import load_policy
+from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
+from juicer.policy.encoders.estimated.files import load_estimator
+from juicer.reporting.comparison import ReportRow
+from juicer.reporting.views import views_of
+from juicer.training.config import TrainingConfig
+from juicer.training.mixing import DatasetConfig
+from juicer.views import View
+from stages.annotate import annotate
+from stages.dataset import dataset
+from stages.estimate import EstimateConfig, estimate
+from stages.evaluate import EvaluateConfig, evaluate
+from stages.ingest import ingest
+from stages.report import ReportConfig, report
+from stages.runtime.execution import perform_here
+from stages.runtime.machine import Machine
+from stages.runtime.session import Session
+from stages.train import TrainConfig, train
+
+pytestmark = pytest.mark.usefixtures("drawing")
+
+ENCODER = EstimatedConfig(
+    estimator=EstimatorConfig(
+        views={"front": View(camera="front", width=32, height=24), "wrist": View(camera="wrist", width=16, height=16)},
+        backbone=PatchCNNConfig(quarter=8, eighth=8, quarter_blocks=0, eighth_blocks=1, maps=4),
+        width=16, states=70, steps=4, batch_size=8, threads=1,
+    )
+)  # fmt: skip
+TRAIN = TrainConfig(
+    policy={
+        "horizons": {"obs": 1, "pred": 8, "action": 4},
+        "observation": {"state": ENCODER},
+        "head": {"kind": "mlp", "width": 16, "blocks": 1},
+    },
+    training=TrainingConfig(steps=4, batch_size=16, warmup_steps=2, validation_fraction=0.5, ema_decay=0.9),
+)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    return Session(
+        ArtifactStore(tmp_path_factory.mktemp("store")), perform_here, machine=Machine(num_envs=2, workers=2)
+    )
+
+
+@pytest.fixture(scope="module")
+def demonstrations(session, tmp_path_factory, recording, second_recording):
+    folder = tmp_path_factory.mktemp("logs")
+    for number, log in enumerate((recording, second_recording)):
+        write_log(folder / f"{number}.npz", log)
+    return ingest(session, files=tuple(sorted(folder.iterdir())), config=IngestionConfig(task="one_leg"))
+
+
+@pytest.fixture(scope="module")
+def estimator(session, demonstrations):
+    annotations = annotate(session, episodes=demonstrations, config=AnnotationConfig())
+    return estimate(session, episodes=demonstrations, annotations=annotations, config=EstimateConfig(encoder=ENCODER))
+
+
+@pytest.fixture(scope="module")
+def learned_from(session, demonstrations):
+    return dataset(session, episodes=(demonstrations,), selections=(), config=DatasetConfig())
+
+
+def test_it_tells_its_error_at_every_critical_state(session, estimator):
+    facts = session.store.manifest(estimator).summary
+    assert facts["task"] == "one_leg"
+    assert facts["states"] == 70
+    assert facts["error_mm"]["insert leg"] > 0
+    assert facts["error_deg"]["insert leg"] > 0
+    assert facts["validation/loss"] > 0
+
+
+def test_an_estimator_is_a_loadable_product_of_its_own(session, estimator):
+    assert load_estimator(session.store.open(estimator, "estimator")).config == ENCODER
+
+
+def test_a_policy_learns_from_poses_and_acts_on_images(session, estimator, learned_from):
+    checkpoint = train(session, dataset=learned_from, estimators=(estimator,), config=TRAIN)
+    facts = session.store.manifest(checkpoint).summary
+    assert facts["observes"] == "images, poses in training"
+    assert facts["drawn_by"] == session.store.manifest(estimator).summary["drawn_by"]
+    policy = load_policy(session.store.open(checkpoint, "checkpoint"), "one_leg")
+    assert "part_poses" not in [spec.name for spec in policy.observations]
+    config = EvaluateConfig(task="one_leg", randomness="low", episodes=2, max_steps=8)
+    evaluation = evaluate(session, checkpoint=checkpoint, config=config)
+    assert session.store.manifest(evaluation).summary["episodes"] == 2
+    assert views_of(session.store, evaluation) == tuple(ENCODER.estimator.views.values())
+    rows = (ReportRow(condition="bc", title="BC", seed=0),)
+    page = report(session, evaluations=(evaluation,), config=ReportConfig(title="t", task="one_leg", rows=rows))
+    text = (session.store.open(page, "report") / "report.html").read_text()
+    assert "Below: what the policy saw." in text
+    assert "What is read off images" in text
+
+
+def test_a_policy_that_estimates_is_not_trained_without_an_estimator(session, learned_from):
+    with pytest.raises(ConfigError, match="make one by the stage 'estimate'"):
+        train(session, dataset=learned_from, config=TRAIN)
