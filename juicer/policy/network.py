@@ -35,8 +35,8 @@ class PolicyNetwork(nn.Module):
 
     @property
     def num_parameters(self) -> int:
-        """Number of learned weights."""
-        return sum(parameter.numel() for parameter in self.parameters() if parameter.requires_grad)
+        """Number of weights, those of frozen networks among them, as in the paper."""
+        return sum(parameter.numel() for parameter in self.parameters())
 
     def encode_actions(self, absolute: Tensor, proprioception: Tensor) -> Tensor:
         """Chunks of absolute actions, given the proprioception ``(B, 16)`` of the current step."""
