@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.demonstration.ingestion import IngestionConfig
@@ -16,6 +17,7 @@ from juicer.policy.checkpoint import load_policy
 from juicer.policy.config import PolicyConfig
 from juicer.policy.served import _load_pyfunc
 from juicer.rollout import rollout
+from juicer.storage.columns import ColumnReader, write_columns
 from juicer.storage.dataset import read_dataset
 from juicer.storage.evaluations import read_evaluation
 from juicer.training.config import TrainingConfig
@@ -120,6 +122,19 @@ def test_what_another_renderer_drew_is_told(looking, monkeypatch):
     drawn_by = looking.summary(looking.checkpoint)["drawn_by"][0]
     told = f"it acted on images drawn by another, and had learned from those of {drawn_by}"
     assert looking.summary(evaluation)["finding"] == told
+
+
+def test_images_of_two_renderers_are_learned_from_and_told(looking):
+    session, (gaze, wrist) = looking.session(), looking.columns
+    drawn = ColumnReader(looking.store.open(wrist))
+    with looking.store.create(Recipe("by hand", "columns")) as draft:
+        ends = drawn.episode_ends
+        images = ({WRIST.name: each} for each in np.split(drawn.steps(WRIST.name), ends[:-1]))
+        facts = {"drawn_by": "another"}
+        write_columns(draft.path, [WRIST.column], images, artifact=drawn.artifact, episode_ends=ends, facts=facts)
+    mixed = dataset(session, episodes=(looking.demonstrations,), columns=(gaze, draft.ref), config=DatasetConfig())
+    finding = looking.summary(train(session, dataset=mixed, config=TRAIN))["finding"]
+    assert finding.startswith("some of its images were drawn by another and others by ")
 
 
 def test_a_dataset_without_the_images_of_a_view_is_refused(looking):

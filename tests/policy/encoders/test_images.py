@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from pydantic import ValidationError
 
 from juicer.config import parse_config
 from juicer.errors import ConfigError, InvalidObservation
@@ -12,6 +13,7 @@ from juicer.policy.acting import TrainedPolicy
 from juicer.policy.config import PolicyConfig, rough_parameters
 from juicer.policy.encoder import Encoders, build_encoder
 from juicer.policy.encoders.images.config import ImagesConfig
+from juicer.policy.image_augmentation.config import ImageAugmentation
 from juicer.policy.network import build_policy
 from juicer.views import View
 
@@ -172,3 +174,28 @@ def test_crops_and_blurs_that_do_not_fit_are_refused_in_a_sentence(settings, sen
     else:
         with pytest.raises(ConfigError, match=sentence):
             parse_config(content, PolicyConfig, origin="test")
+
+
+def test_what_is_frozen_sees_the_middle_of_an_image_and_no_variation():
+    view = View(camera="front", width=32, height=24)
+    crop = {"front": {"width": 16, "height": 16}}
+    encoder = build_encoder(ImagesConfig(views={"front": view}, crops=crop, frozen=True), {}, obs_horizon=1)
+    images = torch.randint(0, 256, (4, 24, 32, 3), dtype=torch.uint8)
+    edges = images.clone()
+    edges[:, :, :8] = 0
+    seen = [
+        encoder.train(mode).prepare({view.name: each})["front"] for mode in (True, False) for each in (images, edges)
+    ]
+    for other in seen[1:]:
+        torch.testing.assert_close(other, seen[0])
+    with pytest.raises(ValidationError, match="what is frozen sees every image once, before the training: leave out"):
+        ImagesConfig(views={"front": view}, frozen=True, augmentation=ImageAugmentation())
+
+
+def test_features_have_a_name_for_what_computes_them_and_none_for_what_is_learned():
+    frozen = ImagesConfig(frozen=True)
+    (front, wrist) = frozen.fixed_parts
+    assert frozen.column("front") == front.column("only") != frozen.column("wrist") == wrist.column("only")
+    assert ImagesConfig(frozen=True, projection=None).column("front") == frozen.column("front")
+    assert ImagesConfig().fixed_parts == ()
+    assert frozen.learned_views == ()
