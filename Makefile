@@ -16,7 +16,7 @@ INSTALLED := $(VENV)/.juicer-installed
 CAN_DRAW := $(VENV)/.juicer-can-draw
 RUN := $(VENV)/bin
 
-.PHONY: help demo demo-images test slow-test check format setup lock gl clean
+.PHONY: help demo demo-images test slow-test check format setup lock gl looks clean
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
@@ -60,6 +60,9 @@ lock: setup ## Install the newest versions that pyproject.toml allows, and write
 # Without OpenGL everything but images works, so its absence is told and stops nothing.
 gl: $(INSTALLED)
 	@test -e $(CAN_DRAW) || { scripts/ensure_gl.sh && touch $(CAN_DRAW); } || true
+
+looks: setup ## Install the meshes of the real robot, for films and reports
+	@$(RUN)/pip install --quiet --no-deps dm-robotics-panda==0.4.8
 
 clean: ## Remove the virtual environment and caches; data/ stays
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

@@ -1,9 +1,9 @@
 """Draw the images of README.md from demonstrations in a store.
 
 For each task: juicer stage record --config laptop --set task=TASK --set record.demonstrations=1, then the stage ingest
-likewise, which prints the id. Then, with the four ids in the order of TASKS:
+likewise, which prints the id. Then, after make looks, with the four ids in the order of TASKS:
 
-python scripts/draw_readme_images.py ID ID ID ID [--store data]
+MUJOCO_GL=egl python scripts/draw_readme_images.py ID ID ID ID [--store data]
 """
 
 from __future__ import annotations
@@ -18,6 +18,9 @@ from PIL import Image
 
 from juicer import api
 from juicer.episode import Episode
+from juicer.imaging.renderer import film_look
+from juicer.imaging.visual_model import visual_spec
+from juicer.tasks.registry import get_task
 
 TASKS = ("one_leg", "round_table", "lamp", "square_table")
 FOLDER = Path(__file__).parents[1] / "docs" / "images"
@@ -57,7 +60,7 @@ def write_row(path: Path, episodes: Iterable[Episode]) -> None:
 
 
 def draw(task: str, states: Iterable[np.ndarray], width: int, height: int, distance: float) -> Iterator[Image.Image]:
-    """Images of states, with shadows and drawn at twice their size, from beside the robot's front.
+    """Images of states as films show them, drawn at twice their size, from beside the robot's front.
 
     Args:
         task: Assembly task.
@@ -66,18 +69,21 @@ def draw(task: str, states: Iterable[np.ndarray], width: int, height: int, dista
         height: Of an image [pixels].
         distance: From the camera to the middle of the fence [m].
     """
-    env = api.make(task)
+    spec = visual_spec(get_task(task), film_look())
+    spec.visual.quality.shadowsize = 4096
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = 2 * width, 2 * height
+    model = spec.compile()
+    data = mujoco.MjData(model)
     camera = mujoco.MjvCamera()
     camera.lookat[:] = (0.58, 0.0, 0.09)
     camera.distance, camera.azimuth, camera.elevation = distance, 165, -35
-    env.model.vis.global_.offwidth, env.model.vis.global_.offheight = 2 * width, 2 * height
-    env.model.vis.quality.shadowsize = 8192
-    with mujoco.Renderer(env.model, 2 * height, 2 * width) as renderer:
+    with api.make(task) as env, mujoco.Renderer(model, 2 * height, 2 * width) as renderer:
         for state in states:
             env.set_state(np.asarray(state, dtype=np.float64))
-            renderer.update_scene(env.data, camera)
+            data.qpos[:] = env.data.qpos
+            mujoco.mj_forward(model, data)
+            renderer.update_scene(data, camera)
             yield Image.fromarray(renderer.render()).resize((width, height), Image.Resampling.LANCZOS)
-    env.close()
 
 
 if __name__ == "__main__":

@@ -40,7 +40,8 @@ class Scenes(NamedTuple):
 class DrawingProcesses:
     """Processes that draw a view of one task's scenes, each with an OpenGL context of its own.
 
-    They end when they are closed, or with the process that started them, whatever ends that.
+    They end when they are closed, or with the process that started them, whatever ends that. A process that may start
+    none, as a worker of a cluster is, draws itself.
 
     Attributes:
         gl: What draws, in the words of its OpenGL platform.
@@ -55,6 +56,11 @@ class DrawingProcesses:
         spawning = multiprocessing.get_context("spawn")
         self._links: list[Connection] = []
         self._processes = []
+        self._view = view
+        self._own: ViewRenderer | None = None
+        if multiprocessing.current_process().daemon:
+            self._own, self.gl = ViewRenderer(task), gl_name()
+            return
         for _ in range(workers):
             link, their_end = spawning.Pipe()
             process = spawning.Process(target=_work, args=(their_end, task, view), name="drawing", daemon=True)
@@ -63,8 +69,7 @@ class DrawingProcesses:
             self._links.append(link)
             self._processes.append(process)
         try:
-            names: set[str] = {_received(link) for link in self._links}
-            (self.gl,) = names
+            self.gl = " and ".join(sorted({_received(link) for link in self._links}))
         except BaseException:
             self.close()
             raise
@@ -79,8 +84,15 @@ class DrawingProcesses:
         """End them."""
         self.close()
 
+    @property
+    def pids(self) -> tuple[int, ...]:
+        """Their numbers in the system."""
+        return tuple(process.pid or 0 for process in self._processes)
+
     def close(self) -> None:
         """End them; what they are at is lost."""
+        if self._own is not None:
+            self._own.close()
         for link in self._links:
             link.close()
         for process in self._processes:
@@ -94,26 +106,44 @@ class DrawingProcesses:
         Raises:
             JuicerError: Whatever drawing raises.
         """
+        if self._own is not None:
+            yield from (_drawn(self._own, self._view, scenes) for scenes in batches)
+            return
         ahead: deque[Connection] = deque()
         for link, scenes in zip(cycle(self._links), batches, strict=False):
             if len(ahead) == AHEAD * len(self._links):
                 yield _received(ahead.popleft())
-            link.send(scenes)
+            _send(link, scenes)
             ahead.append(link)
         while ahead:
             yield _received(ahead.popleft())
+
+
+def _send(link: Connection, scenes: Scenes) -> None:
+    try:
+        link.send(scenes)
+    except OSError:
+        raise _ended() from None
 
 
 def _received(link: Connection) -> Any:
     try:
         answer = link.recv()
     except (EOFError, OSError):
-        raise RenderingUnavailable(
-            "a process that draws images ended before its work was done; the machine may have run out of memory"
-        ) from None
+        raise _ended() from None
     if isinstance(answer, Exception):
         raise answer
     return answer
+
+
+def _ended() -> RenderingUnavailable:
+    return RenderingUnavailable(
+        "a process that draws images ended before its work was done; the machine may have run out of memory"
+    )
+
+
+def _drawn(renderer: ViewRenderer, view: View, scenes: Scenes) -> Images:
+    return np.stack([renderer.draw(positions, view, at) for positions, at in zip(*scenes, strict=True)])
 
 
 def _work(link: Connection, task: str, view: View) -> None:
@@ -121,8 +151,7 @@ def _work(link: Connection, task: str, view: View) -> None:
         renderer = ViewRenderer(task)
         link.send(gl_name())
         while True:
-            scenes = link.recv()
-            link.send(np.stack([renderer.draw(each, view, at) for each, at in zip(*scenes, strict=True)]))
+            link.send(_drawn(renderer, view, link.recv()))
     except (EOFError, BrokenPipeError, KeyboardInterrupt):
         return
     except Exception as error:

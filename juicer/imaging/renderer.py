@@ -122,6 +122,11 @@ class RenderWorker:
 _WORKER = RenderWorker()
 
 
+def film_look() -> Look:
+    """The best look that can be drawn here."""
+    return Look("mesh" if has_panda_mesh() else "primitives", is_film=True)
+
+
 class ViewRenderer:
     """Draws a task's scene from joint positions; what that takes is made when the first image is asked for."""
 
@@ -167,8 +172,7 @@ class ViewRenderer:
             largest = f"{MAX_WIDTH}x{MAX_HEIGHT}"
             raise ConfigError(f"an image measures 1x1 to {largest} pixels, got {shown(width)}x{shown(height)}")
         width, height = int(width), int(height)
-        look = Look("mesh" if has_panda_mesh() else "primitives", is_film=True)
-        return self._draw(look, qpos, camera, Frustum.of_image(width, height), width, height)
+        return self._draw(film_look(), qpos, camera, Frustum.of_image(width, height), width, height)
 
     def _draw(
         self, look: Look, qpos: Positions, camera: str, frustum: Frustum, width: int, height: int, samples: int = 1
@@ -237,10 +241,11 @@ class _Canvas:
         self._model = model
         self._data = mujoco.MjData(model)
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
-        self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom)
+        self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + model.nsite)
         for effect in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
             self._scene.flags[effect] = look.is_film
         self._options = mujoco.MjvOption()
+        self._camera_ids = {name: model.camera(name).id for name in CAMERAS}
         self._camera = mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
 
@@ -249,7 +254,7 @@ class _Canvas:
         data.qpos[:] = drawing.qpos
         mujoco.mj_kinematics(model, data)
         mujoco.mj_camlight(model, data)
-        self._camera.fixedcamid = model.camera(drawing.camera).id
+        self._camera.fixedcamid = self._camera_ids[drawing.camera]
         everything = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(model, data, self._options, None, self._camera, everything, scene)
         self._aim(drawing.frustum)

@@ -11,12 +11,16 @@ from pathlib import Path
 import av
 import numpy as np
 import PIL.Image
+from numpy.typing import NDArray
 
 from juicer.episode import Episode
 from juicer.errors import ConfigError, InvalidEpisode, JuicerError
-from juicer.imaging.renderer import Image as Image
+from juicer.imaging.renderer import ViewRenderer
 from juicer.sim.env import AssemblyEnv
 from juicer.views import CAMERAS, MAX_HEIGHT, MAX_WIDTH, View
+
+Image = NDArray[np.uint8]
+"""``(height, width, 3)``, RGB."""
 
 MIN_WIDTH, MIN_HEIGHT = 160, 120
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv")
@@ -78,6 +82,7 @@ def draw(episode: Episode, steps: Iterable[int], film: FilmFormat) -> Iterator[F
         StateMissing: If the episode has none.
     """
     env = AssemblyEnv(episode.record.task, episode.record.randomness)
+    renderer = ViewRenderer(episode.record.task)
     is_restorable = False
     try:
         for step in steps:
@@ -88,10 +93,15 @@ def draw(episode: Episode, steps: Iterable[int], film: FilmFormat) -> Iterator[F
                     raise
                 continue  # the simulation had diverged there
             is_restorable = True
-            images = tuple(env.render_camera(camera, film.width, film.height) for camera in film.cameras)
-            yield Frame(step, images, tuple(env.render_view(view) for view in film.views))
+            qpos, size = env.data.qpos, (film.width, film.height)
+            end_effector = env.observation()["proprioception"][:3]
+            yield Frame(
+                step,
+                tuple(renderer.draw_for_people(qpos, camera, *size) for camera in film.cameras),
+                tuple(renderer.draw(qpos, view, end_effector) for view in film.views),
+            )
     finally:
-        env.close()
+        renderer.close()
 
 
 def evenly_spaced(episode: Episode, count: int) -> list[int]:

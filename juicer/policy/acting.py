@@ -24,6 +24,8 @@ INFERENCE_ROWS = 16
 Matrix products may differ in their last digits between batch sizes. Each batch is therefore filled up to this
 size, so that what a row yields never depends on how many others are asked for beside it.
 """
+ROWS_OF_IMAGES = 8
+"""The same for policies that see images, which cost more than all the rest."""
 
 
 class TrainedPolicy:
@@ -48,6 +50,7 @@ class TrainedPolicy:
         self._network = network.eval().requires_grad_(False).to(self._device)
         self._task = task
         self._threads = threads
+        self._rows = ROWS_OF_IMAGES if network.encoders.sees_images else INFERENCE_ROWS
 
     @property
     def observations(self) -> tuple[ArraySpec, ...]:
@@ -88,15 +91,15 @@ class TrainedPolicy:
         first = horizons.obs - 1
         actions = np.empty((len(streams), horizons.action, ACTION_SIZE), dtype=np.float32)
         with torch.inference_mode(), compute_settings(self._threads, "highest"):
-            for start in range(0, len(streams), INFERENCE_ROWS):
-                batch = slice(start, min(start + INFERENCE_ROWS, len(streams)))
+            for start in range(0, len(streams), self._rows):
+                batch = slice(start, min(start + self._rows, len(streams)))
                 padded = {name: self._tensor(values[batch]) for name, values in rows.items()}
                 chunk = self._network.predict(padded, self._tensor(noise[batch]))
                 actions[batch] = chunk[: batch.stop - start, first : first + horizons.action].cpu().numpy()
         return actions.clip(-ACTION_LIMIT, ACTION_LIMIT)
 
     def _tensor(self, rows: NDArray[Any]) -> torch.Tensor:
-        return torch.from_numpy(_fill_up(rows)).to(self._device)
+        return torch.from_numpy(_fill_up(rows, self._rows)).to(self._device)
 
     def _checked(self, observations: Mapping[str, NDArray[Any]], num_rows: int) -> dict[str, NDArray[Any]]:
         rows = {}
@@ -123,6 +126,6 @@ class TrainedPolicy:
         return values.astype(spec.dtype, copy=False)
 
 
-def _fill_up(rows: NDArray[Any]) -> NDArray[Any]:
-    """``INFERENCE_ROWS`` rows, the last one repeated."""
-    return np.concatenate([rows, np.repeat(rows[-1:], INFERENCE_ROWS - len(rows), axis=0)])
+def _fill_up(rows: NDArray[Any], number: int) -> NDArray[Any]:
+    """So many rows, the last one repeated."""
+    return np.concatenate([rows, np.repeat(rows[-1:], number - len(rows), axis=0)])

@@ -137,13 +137,16 @@ def mlmodel(run: str, task: str) -> str:
     return json.dumps(content, indent=1)
 
 
-def loading(name: str, task: str) -> str:
+def loading(name: str, task: str, observes: str) -> str:
     """How to use a version of a registered model, in Markdown."""
+    shown, said = '{"proprioception": ..., "part_poses": ...}', "(N, 16) and (N, 7 P) in"
+    if observes != STATE:
+        shown, said = '{"proprioception": ..., VIEW: ...}', "(N, 16), and images (N, h, w, 3) by names of views, in"
     return (
         f"A policy for `{task}` that MLflow loads wherever juicer is installed; nothing is unpickled.\n\n```python\n"
         f'policy = mlflow.pyfunc.load_model("models:/{name}@best")\n'
-        "# (N, 16) and (N, 7 P) in, (N, T_a, 10) out\n"
-        'actions = policy.predict({"proprioception": ..., "part_poses": ...})\n```\n'
+        f"# {said}, (N, T_a, 10) out\n"
+        f"actions = policy.predict({shown})\n```\n"
     )
 
 

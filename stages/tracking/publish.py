@@ -19,7 +19,7 @@ from mlflow.entities import DatasetInput, LifecycleStage, Metric, Param, Run, Ru
 from mlflow.exceptions import MlflowException
 from mlflow.protos.databricks_pb2 import RESOURCE_ALREADY_EXISTS, ErrorCode
 
-from juicer.artifacts.manifest import Manifest
+from juicer.artifacts.manifest import STATE, Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import TrackingError
@@ -261,7 +261,7 @@ class Study:
         versions = list(self._client.search_model_versions(f"name = '{name}'", max_results=10_000))
         if not any(version.run_id == identity and version.tags.get("artifact") == str(ref) for version in versions):
             source, tags = f"runs:/{identity}/{entries.MODEL}", entries.version_tags(model, history, ref)
-            note = entries.loading(name, model.task)
+            note = entries.loading(name, model.task, history.evaluation.observes or STATE)
             versions.append(self._client.create_model_version(name, source, identity, tags=tags, description=note))
         self._client.set_registered_model_alias(name, "last", max(versions, key=lambda each: int(each.version)).version)
         rated = [version for version in versions if "success_rate" in version.tags]

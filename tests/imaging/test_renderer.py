@@ -87,6 +87,18 @@ def test_closing_twice_and_drawing_afterwards_do_no_harm():
     assert render_threads() == before
 
 
+def test_closing_one_environment_leaves_those_of_the_same_task_their_images():
+    before = render_threads()
+    with AssemblyEnv() as one, AssemblyEnv() as other:
+        one.reset(seed=0)
+        other.reset(seed=1)
+        picture = other.render_camera("front", 64, 48)
+        one.render_camera("front", 64, 48)
+        one.close()
+        np.testing.assert_array_equal(other.render_camera("front", 64, 48), picture)
+    assert render_threads() == before
+
+
 def test_an_environment_that_nobody_closed_leaves_no_thread():
     before = {thread for thread in threading.enumerate() if thread.name == "renderer"}
     env = AssemblyEnv()

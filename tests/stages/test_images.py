@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.demonstration.ingestion import IngestionConfig
@@ -14,6 +15,9 @@ from juicer.demonstration.log import write_log
 from juicer.errors import ArtifactError, InvalidObservation
 from juicer.policy.checkpoint import load_policy
 from juicer.policy.config import PolicyConfig
+from juicer.policy.served import _load_pyfunc
+from juicer.rollout import rollout
+from juicer.storage.columns import ColumnReader, write_columns
 from juicer.storage.dataset import read_dataset
 from juicer.storage.evaluations import read_evaluation
 from juicer.training.config import TrainingConfig
@@ -94,8 +98,6 @@ def test_a_policy_learns_from_the_images_of_its_views_and_says_so(looking):
 def test_it_acts_alike_however_many_episodes_run_beside_it(looking):
     policy = load_policy(looking.store.open(looking.checkpoint), "one_leg")
     assert {spec.name for spec in policy.observations} == {"proprioception", GAZE.name, WRIST.name}
-    from juicer.rollout import rollout
-
     seeds = range(3)
     alone, together = (
         list(rollout(policy, "one_leg", "low", seeds, num_envs=number, max_steps=12)) for number in (1, 3)
@@ -120,6 +122,19 @@ def test_what_another_renderer_drew_is_told(looking, monkeypatch):
     drawn_by = looking.summary(looking.checkpoint)["drawn_by"][0]
     told = f"it acted on images drawn by another, and had learned from those of {drawn_by}"
     assert looking.summary(evaluation)["finding"] == told
+
+
+def test_images_of_two_renderers_are_learned_from_and_told(looking):
+    session, (gaze, wrist) = looking.session(), looking.columns
+    drawn = ColumnReader(looking.store.open(wrist))
+    with looking.store.create(Recipe("by hand", "columns")) as draft:
+        ends = drawn.episode_ends
+        images = ({WRIST.name: each} for each in np.split(drawn.steps(WRIST.name), ends[:-1]))
+        facts = {"drawn_by": "another"}
+        write_columns(draft.path, [WRIST.column], images, artifact=drawn.artifact, episode_ends=ends, facts=facts)
+    mixed = dataset(session, episodes=(looking.demonstrations,), columns=(gaze, draft.ref), config=DatasetConfig())
+    finding = looking.summary(train(session, dataset=mixed, config=TRAIN))["finding"]
+    assert finding.startswith("some of its images were drawn by another and others by ")
 
 
 def test_a_dataset_without_the_images_of_a_view_is_refused(looking):
@@ -148,3 +163,14 @@ def test_images_that_it_was_not_trained_with_are_refused(looking, rng, change, w
     other = {GAZE.name: change(gaze)} if change else {View(camera="front").name: gaze}
     with pytest.raises(InvalidObservation, match=words):
         policy.predict(seen | other, [rng])
+
+
+def test_it_is_served_images_as_arrays_or_as_the_numbers_of_json(looking):
+    rng = np.random.default_rng(0)
+    seen = {"proprioception": rng.normal(size=(1, 2, 16))}
+    for view in (GAZE, WRIST):
+        seen[view.name] = rng.integers(0, 256, (1, 2, view.height, view.width, 3), dtype=np.uint8)
+    served, again = (_load_pyfunc(str(looking.store.open(looking.checkpoint)), {"task": "one_leg"}) for _ in range(2))
+    actions = served.predict(seen)
+    assert actions.shape == (1, 4, 10)
+    np.testing.assert_array_equal(actions, again.predict({name: values.tolist() for name, values in seen.items()}))

@@ -21,6 +21,7 @@ from juicer.policy.encoders.proprioception.config import ProprioceptionConfig
 from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.policy.image_augmentation.config import ImageAugmentation
 from juicer.policy.pretrained.config import Weights
+from juicer.policy.served import ServedPolicy
 from juicer.training.fixed import FixedEncoder
 from juicer.training.trainer import train
 from juicer.training.windows import TrainingEpisodes
@@ -38,6 +39,12 @@ def seen():
     observations["proprioception"] = rng.normal(size=(steps, 16)).astype(np.float32)
     actions = rng.uniform(-0.5, 0.5, size=(steps, 10)).astype(np.float32)
     return TrainingEpisodes(observations, actions, np.arange(20, steps + 1, 20), list("abcd"), ["teleop"] * 4)
+
+
+@pytest.fixture
+def training_config(training_config):
+    """A few steps: what is asked here shows after one."""
+    return training_config.model_copy(update={"steps": 12, "save_every": 5, "batch_size": 8, "validate_every": 12})
 
 
 def policy_of(**settings):
@@ -89,6 +96,8 @@ def test_a_policy_that_sees_is_trained_saved_and_acts(frozen, seen, tasks, train
     assert actions.shape == (3, 4, 10)
     alone = acting.predict({name: values[1:2] for name, values in rows.items()}, [np.random.default_rng(1)])
     np.testing.assert_array_equal(alone[0], actions[1])
+    served = ServedPolicy(acting).predict({name: list(values) for name, values in rows.items()})
+    assert served.shape == actions.shape
 
 
 def test_a_resumed_training_of_images_ends_bit_for_bit_as_an_unbroken_one(seen, tasks, training_config, tmp_path):
@@ -138,7 +147,7 @@ def test_what_is_trained_starts_from_its_file_and_leaves_it(seen, tasks, trainin
 
 def test_statistics_of_batches_pass_into_the_moving_average(seen, tasks, training_config):
     policy = policy_of(backbone=EfficientNetLiteConfig())
-    config = training_config.model_copy(update={"batch_size": 64, "steps": 8, "warmup_steps": 1, "ema_decay": 0.99})
+    config = training_config.model_copy(update={"steps": 4, "warmup_steps": 1, "batch_size": 32, "ema_decay": 0.99})
     trained = train([seen], policy, tasks, config, seed=0).checkpoint
     own, average = images_of(trained), images_of(trained, "ema")
     assert float(own["0._bn0.running_mean"].abs().max()) > 0

@@ -20,7 +20,9 @@ class Weights(StrictConfig):
     file: str = Field(
         pattern=r"^\w[\w.-]*$", max_length=200, description="name of the file in the folder of weights, JUICER_WEIGHTS"
     )
-    sha256: str = Field(pattern=r"^[0-9a-f]{64}$", description="digest of the file, as sha256sum prints it")
+    sha256: str = Field(
+        pattern=r"^[0-9a-f]{64}$", max_length=64, description="digest of the file, as sha256sum prints it"
+    )
     licence: str = Field(min_length=1, max_length=200, description="what may be done with it, e.g. MIT")
     part: str = Field(
         default="", max_length=200, description="how the names of the tensors begin that are taken; all if empty"

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
+from pydantic import ValidationError
 
 from juicer.config import parse_config
-from juicer.errors import ConfigError
+from juicer.errors import ConfigError, InvalidObservation
+from juicer.policy.acting import TrainedPolicy
 from juicer.policy.config import PolicyConfig, rough_parameters
 from juicer.policy.encoder import Encoders, build_encoder
 from juicer.policy.encoders.images.config import ImagesConfig
+from juicer.policy.image_augmentation.config import ImageAugmentation
 from juicer.policy.network import build_policy
 from juicer.views import View
 
@@ -84,6 +88,30 @@ def test_the_size_of_a_policy_that_sees_is_known_before_it_is_built(tasks, froze
     assert rough_parameters(config) == pytest.approx(build_policy(config, tasks, 0).num_parameters, rel=0.05)
 
 
+def test_a_policy_too_large_for_memory_is_refused_before_it_is_built():
+    backbone = {"kind": "small_cnn", "eighth": 1024, "grid": 16}
+    images = {"kind": "images", "backbone": backbone, "projection": 16_384}
+    with pytest.raises(ConfigError, match=r"a policy of about .* weights is too large"):
+        parse_config({"observation": {"images": images}}, PolicyConfig, origin="test")
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        (np.full((1, 24, 32, 3), np.nan, np.float32), "must be of type uint8, got float32"),
+        (np.zeros((1, 32, 24, 3), np.uint8), r"must have shape \(1, 1, 24, 32, 3\)"),
+    ],
+)
+def test_an_image_that_is_none_of_its_view_is_refused_when_acting(values, sentence, tasks):
+    images = ImagesConfig(views={"front": VIEWS["front"]})
+    acting = TrainedPolicy(
+        build_policy(PolicyConfig(observation={"images": images}, head={"kind": "mlp"}), tasks, 0), "toy"
+    )
+    shown = {"proprioception": np.zeros((1, 16), np.float32), VIEWS["front"].name: values}
+    with pytest.raises(InvalidObservation, match=sentence):
+        acting.predict(shown, [np.random.default_rng(0)])
+
+
 def test_a_view_too_small_for_the_backbone_is_refused_in_a_sentence():
     images = {"kind": "images", "views": {"front": {"camera": "front", "width": 4}}}
     with pytest.raises(ConfigError, match=r"observation\.images.*a small_cnn takes images of at least 8x8 pixels"):
@@ -146,3 +174,28 @@ def test_crops_and_blurs_that_do_not_fit_are_refused_in_a_sentence(settings, sen
     else:
         with pytest.raises(ConfigError, match=sentence):
             parse_config(content, PolicyConfig, origin="test")
+
+
+def test_what_is_frozen_sees_the_middle_of_an_image_and_no_variation():
+    view = View(camera="front", width=32, height=24)
+    crop = {"front": {"width": 16, "height": 16}}
+    encoder = build_encoder(ImagesConfig(views={"front": view}, crops=crop, frozen=True), {}, obs_horizon=1)
+    images = torch.randint(0, 256, (4, 24, 32, 3), dtype=torch.uint8)
+    edges = images.clone()
+    edges[:, :, :8] = 0
+    seen = [
+        encoder.train(mode).prepare({view.name: each})["front"] for mode in (True, False) for each in (images, edges)
+    ]
+    for other in seen[1:]:
+        torch.testing.assert_close(other, seen[0])
+    with pytest.raises(ValidationError, match="what is frozen sees every image once, before the training: leave out"):
+        ImagesConfig(views={"front": view}, frozen=True, augmentation=ImageAugmentation())
+
+
+def test_features_have_a_name_for_what_computes_them_and_none_for_what_is_learned():
+    frozen = ImagesConfig(frozen=True)
+    (front, wrist) = frozen.fixed_parts
+    assert frozen.column("front") == front.column("only") != frozen.column("wrist") == wrist.column("only")
+    assert ImagesConfig(frozen=True, projection=None).column("front") == frozen.column("front")
+    assert ImagesConfig().fixed_parts == ()
+    assert frozen.learned_views == ()
