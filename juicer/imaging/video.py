@@ -94,9 +94,12 @@ def draw(episode: Episode, steps: Iterable[int], film: FilmFormat) -> Iterator[F
                 continue  # the simulation had diverged there
             is_restorable = True
             qpos, size = env.data.qpos, (film.width, film.height)
-            images = tuple(renderer.draw_for_people(qpos, camera, *size) for camera in film.cameras)
             end_effector = env.observation()["proprioception"][:3]
-            yield Frame(step, images, tuple(renderer.draw(qpos, view, end_effector) for view in film.views))
+            yield Frame(
+                step,
+                tuple(renderer.draw_for_people(qpos, camera, *size) for camera in film.cameras),
+                tuple(renderer.draw(qpos, view, end_effector) for view in film.views),
+            )
     finally:
         renderer.close()
 
