@@ -118,10 +118,9 @@ def train(
         pretrained = load_pretrained(network, weights)
         loop = _set_up(episodes, sides, network, config, seed, torch_device, loaders, metrics or NullMetricSink())
         facts = loop.run(training_identity(episodes, _settings(policy, tasks, config, seed)), scratch, progress)
-    machine = {"device": torch_device.type, "precision": loop.learner.precision, **_origins(pretrained)}
     return TrainedCheckpoint(
         checkpoint=_checkpoint(loop.learner, config.steps),
-        facts={**machine, **facts},
+        facts={"device": torch_device.type, "precision": loop.learner.precision, **_origins(pretrained), **facts},
         use=use,
         losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
     )
