@@ -36,7 +36,7 @@ class PolicyNetwork(nn.Module):
     @property
     def num_parameters(self) -> int:
         """Number of learned weights."""
-        return sum(parameter.numel() for parameter in self.parameters() if parameter.requires_grad)
+        return sum(parameter.numel() for parameter in self.parameters())
 
     def encode_actions(self, absolute: Tensor, proprioception: Tensor) -> Tensor:
         """Chunks of absolute actions, given the proprioception ``(B, 16)`` of the current step."""
