@@ -6,6 +6,7 @@ import copy
 import math
 import time
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -99,17 +100,31 @@ def learn(
         ConfigError: If there is no such device.
     """
     torch_device = usable_device(device)
-    with compute_settings(estimator.config.estimator.threads, "medium"):
-        loop = _Loop(estimator, lessons, torch_device, seed)
+    threads = estimator.config.estimator.threads if torch_device.type == "cpu" else 1
+    with compute_settings(1, "medium"), ThreadPoolExecutor(threads) as pool:
+        loop = _Loop(estimator, lessons, torch_device, seed, pool, threads)
         loss = loop.run(identity, scratch, progress, metrics or NullMetricSink())
         errors = measure(loop.average, held_out, critical_states)
     return Learned(loop.average.cpu(), loss, errors)
 
 
 class _Loop:
-    """Steps, reports and saves in their order."""
+    """Steps, reports and saves in their order.
 
-    def __init__(self, estimator: Estimator, lessons: Lessons, device: torch.device, seed: int) -> None:
+    Each thread of a pool takes a part of the batch. Torch's own threads meet at every operation and wait for each other
+    by spinning: on processors that somebody else uses, too, two of them are slower than one.
+    """
+
+    def __init__(
+        self,
+        estimator: Estimator,
+        lessons: Lessons,
+        device: torch.device,
+        seed: int,
+        pool: ThreadPoolExecutor,
+        parts: int,
+    ) -> None:
+        self._pool, self._parts = pool, parts
         self._config = estimator.config.estimator
         self._lessons = lessons
         features = _true_features(estimator, lessons)
@@ -146,14 +161,11 @@ class _Loop:
         return shown
 
     def _learn(self, step: int) -> float:
-        rows = self._order.rows(step).sort().values
         # Taken in the order in which they lie on the disk.
-        images = [torch.from_numpy(images[rows.numpy()]).to(self._device) for images in self._lessons.images.values()]
-        reduced = self._device.type != "cpu" or has_fast_bfloat16()
-        with torch.autocast(self._device.type, torch.bfloat16, enabled=reduced):
-            loss = self._estimator.compute_loss(images, self._features[rows])
-        self._optimizer.zero_grad(set_to_none=True)
-        loss.backward()
+        rows = self._order.rows(step).sort().values
+        losses, gradients = zip(*self._pool.map(self._gradients, rows.chunk(self._parts)), strict=True)
+        for parameter, parts in zip(self._parameters, zip(*gradients, strict=True), strict=True):
+            parameter.grad = torch.stack(parts).sum(dim=0)
         torch.nn.utils.clip_grad_norm_(self._parameters, LARGEST_GRADIENT)
         self._optimizer.param_groups[0]["lr"] = self._rate(step)
         self._optimizer.step()
@@ -161,7 +173,15 @@ class _Loop:
             decay = min(AVERAGE_DECAY, (1 + step) / (10 + step))
             averages: list[Tensor] = list(self.average.parameters())
             torch._foreach_lerp_(averages, list(self._parameters), 1 - decay)
-        return float(loss.detach())
+        return float(sum(losses))
+
+    def _gradients(self, rows: Tensor) -> tuple[float, tuple[Tensor, ...]]:
+        """What a part of a batch contributes to the loss, and to the gradient of every weight."""
+        images = [torch.from_numpy(images[rows.numpy()]).to(self._device) for images in self._lessons.images.values()]
+        reduced = self._device.type != "cpu" or has_fast_bfloat16()
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=reduced):
+            loss = self._estimator.compute_loss(images, self._features[rows]) * (len(rows) / self._config.batch_size)
+        return float(loss.detach()), torch.autograd.grad(loss, self._parameters)
 
     def _rate(self, step: int) -> float:
         """Linear warm-up, then a cosine that ends at zero."""

@@ -101,6 +101,12 @@ def test_a_killed_training_goes_on_to_the_same_weights(tmp_path, monkeypatch):
         torch.testing.assert_close(resumed.state_dict()[name], value, rtol=0, atol=0, msg=name)
 
 
+def test_threads_share_a_batch_and_change_nothing_but_last_digits():
+    one, two = (learned(configuration(steps=3, threads=threads)).estimator for threads in (1, 2))
+    for name, value in one.state_dict().items():
+        torch.testing.assert_close(two.state_dict()[name], value, rtol=1e-2, atol=1e-3, msg=name)
+
+
 def test_of_several_pairs_one_is_chosen_and_never_a_blend():
     estimator = build_estimator(configuration(), spec(num_pairs=3), seed=0)
     shown = lessons(8)

@@ -87,10 +87,10 @@ def test_estimates_go_through_the_policys_own_limits_and_clip(tmp_path, tasks, l
 
 
 def test_the_estimator_is_no_part_of_what_is_learned(tasks):
-    network = build_policy(POLICY, tasks, seed=0)
-    state = build_policy(POLICY.model_copy(update={"observation": {"state": FeaturesConfig()}}), tasks, seed=0)
-    assert sum(weights.numel() for weights in network.parameters() if weights.requires_grad) == state.num_parameters
-    assert not network.train().encoders.members[0].estimators.training
+    network = build_policy(POLICY, tasks, seed=0).train()
+    learned = [name for name, parameter in network.named_parameters() if parameter.requires_grad]
+    assert learned == [f"head.{name}" for name, _ in network.head.named_parameters()]
+    assert not network.encoders.members[0].estimators.training
 
 
 def test_a_policy_of_several_tasks_has_an_estimator_for_each(tmp_path, spec, lessons):

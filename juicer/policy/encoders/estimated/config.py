@@ -41,7 +41,7 @@ class EstimatorConfig(StrictConfig):
     steps: int = Field(default=4000, gt=0, le=100_000_000)
     batch_size: int = Field(default=128, gt=0, le=65_536)
     learning_rate: float = Field(default=2e-3, gt=0, le=10)
-    threads: int = Field(default=2, gt=0, le=1024)
+    threads: int = Field(default=2, gt=0, le=1024, description="each of which takes a part of a batch")
     validation_fraction: float = Field(default=0.1, gt=0, lt=1, description="share of the demonstrations held out")
 
     @model_validator(mode="after")
