@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from juicer.annotation.propose import AnnotationConfig
@@ -81,6 +83,7 @@ def test_it_tells_its_error_at_every_critical_state(session, estimator):
     assert facts["error_mm"]["insert leg"] > 0
     assert facts["error_deg"]["insert leg"] > 0
     assert facts["validation/loss"] > 0
+    assert re.fullmatch(r"70 states; off by [0-9.]+ mm at insert leg", facts["headline"])
 
 
 def test_an_estimator_is_a_loadable_product_of_its_own(session, estimator):
