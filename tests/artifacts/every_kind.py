@@ -14,9 +14,13 @@ from juicer.artifacts.store import ArtifactStore
 from juicer.demonstration.log import OperatorLog, write_log
 from juicer.episode import SIMULATOR, ArraySpec, Episode, EpisodeRecord, Outcome, Role, Source
 from juicer.imaging.video import write_video
+from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 from juicer.policy.checkpoint import Checkpoint, CheckpointMetadata, save_checkpoint
 from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
 from juicer.policy.denoisers.mlp.config import MLPDenoiserConfig
+from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
+from juicer.policy.encoders.estimated.estimator import build_estimator
+from juicer.policy.encoders.estimated.files import save_estimator
 from juicer.policy.heads.diffusion.config import DiffusionConfig
 from juicer.policy.network import build_policy
 from juicer.progress import NullMetricSink
@@ -29,6 +33,7 @@ from juicer.storage.dataset import DatasetRow, write_dataset
 from juicer.storage.episodes import write_episodes
 from juicer.storage.evaluations import EvaluationRow, write_evaluation
 from juicer.storage.selections import SelectionRow, write_selection
+from juicer.views import View
 
 STEPS = 6
 EPISODES_ID = "0123456789abcdef"
@@ -36,6 +41,10 @@ FACTS: Mapping[str, Any] = {"task": "one_leg", "randomness": "low", "seed": 1, "
 PAIR = PairSpec(first=0, second=1, target=(0.0, 0.05, 0.0, 1.0, 0.0, 0.0, 0.0))
 TASKS = {"toy": FeatureSpec(num_parts=2, pairs=(PAIR,), mounted_m=0.005, mounted_cosine=0.94)}
 POLICY = PolicyConfig(head=DiffusionConfig(denoiser=MLPDenoiserConfig(width=8, blocks=1), prediction="sample"))
+SMALL = PatchCNNConfig(quarter=8, eighth=8, quarter_blocks=0, eighth_blocks=0, maps=2)
+ESTIMATED = EstimatedConfig(
+    estimator=EstimatorConfig(views={"wrist": View(camera="wrist", width=8, height=8)}, backbone=SMALL, width=8)
+)
 
 Writer = Callable[[Path, Path, Episode], object]
 """Writes a payload into a folder, with a folder for scratch, about an episode."""
@@ -90,6 +99,10 @@ def write_index(folder: Path, scratch: Path, episode: Episode) -> None:
     write_dataset(folder, [DatasetRow(EPISODES_ID, episode.record.episode_id, Source.TELEOP, "one_leg", "0/0")])
 
 
+def write_estimator(folder: Path, scratch: Path, episode: Episode) -> None:
+    save_estimator(folder, build_estimator(ESTIMATED, TASKS["toy"], 0), "toy")
+
+
 def write_checkpoint(folder: Path, scratch: Path, episode: Episode) -> None:
     weights = build_policy(POLICY, TASKS, 0).state_dict()
     metadata = CheckpointMetadata(policy=POLICY, tasks=TASKS, acting_weights="ema", step=1)
@@ -117,6 +130,7 @@ WRITERS: Mapping[str, Writer] = {
     "annotations": write_annotation,
     "selection": write_choice,
     "dataset": write_index,
+    "estimator": write_estimator,
     "checkpoint": write_checkpoint,
     "evaluation": write_measurement,
     "report": write_report,
