@@ -91,11 +91,10 @@ class Feed(Dataset[Gathered | JuicerError]):
             multiprocessing_context="fork",
         )
         batches = iter(loader)
-        while True:
+        # They are counted: nothing depends on how the processes end once the last batch is here.
+        for _ in range(first, end):
             try:
                 gathered = next(batches)
-            except StopIteration:
-                return
             except RuntimeError as error:
                 if "DataLoader worker" not in str(error):
                     raise

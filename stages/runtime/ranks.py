@@ -164,7 +164,8 @@ class _Heard:
         cause = next((each for each in self._failures if isinstance(each, JuicerError)), self._failures[0])
         was_killed = status is not None and status < 0 and status != -signal.SIGTERM
         if cause is None or (was_killed and not isinstance(cause, JuicerError)):
-            raise StageDied(obituary(f"one of the processes of stage '{self._name}'", status))
+            # Another status is that of a process that missed the one which was killed.
+            raise StageDied(obituary(f"one of the processes of stage '{self._name}'", status if was_killed else None))
         raise cause
 
 

@@ -93,7 +93,8 @@ def obituary(process: str, status: int | None) -> str:
         cause = signal.Signals(-status).name
         hint = "; the machine may have run out of memory" if -status == signal.SIGKILL else ""
         return f"{process} was ended by {cause}{hint}; run it again to continue"
-    return f"{process} ended with status {status} before its work was done"
+    with_status = "" if status is None else f" with status {status}"
+    return f"{process} ended{with_status} before its work was done; run it again to continue"
 
 
 def _end_with_parent(guarded: Connection) -> None:

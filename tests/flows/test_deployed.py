@@ -34,7 +34,8 @@ def test_a_form_has_few_fields_and_every_one_is_described(form):
 def test_what_is_one_of_few_is_a_choice():
     fields = parameter_schema(stage_of_loop.fn).model_dump_for_openapi()["properties"]
     assert fields["task"]["enum"] == ["one_leg", "round_table", "lamp", "square_table"]
-    assert set(fields["preset"]["enum"]) == {"laptop", "paper", "smoke"}
+    images = {"laptop_image", "laptop_image_e2e", "paper_image"}
+    assert set(fields["preset"]["enum"]) == {"laptop", "paper", "smoke"} | images
     assert "train" in fields["stage"]["enum"]
     assert fields["condition"]["enum"] == list(defaults()["conditions"])
     several = parameter_schema(study.fn).model_dump_for_openapi()["properties"]["conditions"]

@@ -156,7 +156,11 @@ def test_two_processes_learn_what_one_does_and_listen_to_this_machine_only(learn
 
 
 def test_a_training_of_which_a_process_is_killed_says_so_and_goes_on_later(learn):
-    with pytest.raises(StageDied, match=r"one of the processes of stage 'train' was ended by SIGKILL.* run it again"):
+    # Which of the two the launcher sees end first is chance.
+    ended = (
+        r"one of the processes of stage 'train' (was ended by SIGKILL|ended before its work was done).* run it again"
+    )
+    with pytest.raises(StageDied, match=ended):
         learn(config=LONG, display=Watcher(30, lambda done: os.kill(max(ranks()), signal.SIGKILL)))
     assert not ranks()
     reports = []
