@@ -1,4 +1,4 @@
-"""How an estimator learns from drawn scenes, and how far off it is where precision decides."""
+"""How an estimator learns from drawn states, and how far off it is where precision decides."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from juicer.errors import TrainingFailed
-from juicer.estimation.lessons import Lessons
+from juicer.estimation.drawn import DrawnStates
 from juicer.policy.encoders.estimated.estimator import Estimator
 from juicer.policy.encoders.features.features import read_pair, state_features
 from juicer.policy.torch_settings import compute_settings, has_fast_bfloat16, usable_device
@@ -70,8 +70,8 @@ class Learned:
 
 def learn(
     estimator: Estimator,
-    lessons: Lessons,
-    held_out: Lessons,
+    drawn: DrawnStates,
+    held_out: DrawnStates,
     critical_states: Sequence[tuple[str, CriticalState]],
     *,
     seed: int,
@@ -81,11 +81,11 @@ def learn(
     progress: Progress = silent_progress,
     metrics: MetricSink | None = None,
 ) -> Learned:
-    """Teach an estimator what is true of drawn scenes.
+    """Teach an estimator what is true of drawn states.
 
     Args:
         estimator: With initial weights; it is changed.
-        lessons: Scenes to learn from.
+        drawn: Scenes to learn from.
         held_out: Scenes to be measured on.
         critical_states: Names and kinds of the task's critical states, by index.
         seed: Decides the order of the scenes.
@@ -102,7 +102,7 @@ def learn(
     torch_device = usable_device(device)
     threads = estimator.config.estimator.threads if torch_device.type == "cpu" else 1
     with compute_settings(1, "medium"), ThreadPoolExecutor(threads) as pool:
-        loop = _Loop(estimator, lessons, torch_device, seed, pool, threads)
+        loop = _Loop(estimator, drawn, torch_device, seed, pool, threads)
         loss = loop.run(identity, scratch, progress, metrics or NullMetricSink())
         errors = measure(loop.average, held_out, critical_states)
     return Learned(loop.average.cpu(), loss, errors)
@@ -118,7 +118,7 @@ class _Loop:
     def __init__(
         self,
         estimator: Estimator,
-        lessons: Lessons,
+        drawn: DrawnStates,
         device: torch.device,
         seed: int,
         pool: ThreadPoolExecutor,
@@ -126,8 +126,8 @@ class _Loop:
     ) -> None:
         self._pool, self._parts = pool, parts
         self._config = estimator.config.estimator
-        self._lessons = lessons
-        features = _true_features(estimator, lessons)
+        self._drawn = drawn
+        features = _true_features(estimator, drawn)
         estimator.normalizer.fit(features)
         self._features = features.to(device)
         self._estimator = estimator.to(device, memory_format=torch.channels_last).train()  # type: ignore[call-overload]
@@ -137,7 +137,7 @@ class _Loop:
         self._optimizer = torch.optim.AdamW(
             self._parameters, lr=self._config.learning_rate, weight_decay=WEIGHT_DECAY, fused=True
         )
-        self._order = BatchOrder(len(lessons), self._config.batch_size, seed)
+        self._order = BatchOrder(len(drawn), self._config.batch_size, seed)
 
     def run(self, identity: str, scratch: Path | None, progress: Progress, metrics: MetricSink) -> float:
         steps, loss_sum, shown = self._config.steps, 0.0, math.nan
@@ -177,7 +177,7 @@ class _Loop:
 
     def _gradients(self, rows: Tensor) -> tuple[float, tuple[Tensor, ...]]:
         """What a part of a batch contributes to the loss, and to the gradient of every weight."""
-        images = [torch.from_numpy(images[rows.numpy()]).to(self._device) for images in self._lessons.images.values()]
+        images = [torch.from_numpy(images[rows.numpy()]).to(self._device) for images in self._drawn.images.values()]
         reduced = self._device.type != "cpu" or has_fast_bfloat16()
         with torch.autocast(self._device.type, torch.bfloat16, enabled=reduced):
             loss = self._estimator.compute_loss(images, self._features[rows]) * (len(rows) / self._config.batch_size)
@@ -213,16 +213,16 @@ class _Loop:
 
 
 @torch.inference_mode()
-def measure(estimator: Estimator, lessons: Lessons, critical_states: Sequence[tuple[str, CriticalState]]) -> Errors:
+def measure(estimator: Estimator, drawn: DrawnStates, critical_states: Sequence[tuple[str, CriticalState]]) -> Errors:
     """How far an estimator is off, over all scenes and close to each critical state."""
     device = estimator.normalizer.offset.device
     views = estimator.config.estimator.views.values()
-    true = _true_features(estimator, lessons)
-    proprioception = torch.from_numpy(lessons.observations["proprioception"])
+    true = _true_features(estimator, drawn)
+    proprioception = torch.from_numpy(drawn.observations["proprioception"])
     estimates, loss = [], 0.0
-    for start in range(0, len(lessons), MEASURED_AT_ONCE):
+    for start in range(0, len(drawn), MEASURED_AT_ONCE):
         rows = slice(start, start + MEASURED_AT_ONCE)
-        images = {view.name: torch.from_numpy(np.array(lessons.images[view.name][rows])).to(device) for view in views}
+        images = {view.name: torch.from_numpy(np.array(drawn.images[view.name][rows])).to(device) for view in views}
         estimates.append(estimator({"proprioception": proprioception[rows].to(device), **images}).cpu())
         loss += len(true[rows]) * float(estimator.compute_loss(list(images.values()), true[rows].to(device)))
     features = estimator.config.features
@@ -231,14 +231,14 @@ def measure(estimator: Estimator, lessons: Lessons, critical_states: Sequence[tu
     angle_rad = torch.acos((seen.axes * truth.axes).sum(dim=-1).clamp(-1, 1))
     error_mm, error_deg = {}, {}
     for index, (name, state) in enumerate(critical_states):
-        close = torch.from_numpy(lessons.critical_states == index)
+        close = torch.from_numpy(drawn.critical_states == index)
         if close.any():
             what = _IN_TARGET if isinstance(state, Insertion) else _BASE if state.part == 0 else _PART
             error_mm[name] = 1000 * float(distance_m[close, what].mean())
             error_deg[name] = float(angle_rad[close, what].rad2deg().mean())
-    return Errors(loss / max(len(lessons), 1), error_mm, error_deg)
+    return Errors(loss / max(len(drawn), 1), error_mm, error_deg)
 
 
-def _true_features(estimator: Estimator, lessons: Lessons) -> Tensor:
-    observations = {name: torch.from_numpy(np.asarray(values)) for name, values in lessons.observations.items()}
+def _true_features(estimator: Estimator, drawn: DrawnStates) -> Tensor:
+    observations = {name: torch.from_numpy(np.asarray(values)) for name, values in drawn.observations.items()}
     return state_features(observations, estimator.spec, estimator.config.features)

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from juicer.estimation.learning import learn, measure
-from juicer.estimation.lessons import Lessons
+from juicer.estimation.drawn import DrawnStates
 from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 from juicer.policy.config import FeatureSpec, PairSpec
 from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
@@ -34,8 +34,8 @@ def configuration(**changes):
     return EstimatedConfig(estimator=EstimatorConfig(backbone=backbone, **{**small, **changes}))
 
 
-def lessons(number=64, seed=0):
-    """Scenes whose images tell where the second part is by their brightness."""
+def drawn_states(number=64, seed=0):
+    """States whose images tell where the second part is by their brightness."""
     rng = np.random.default_rng(seed)
     brightness = rng.integers(0, 256, number)
     images = np.broadcast_to(brightness[:, None, None, None], (number, 16, 16, 3)).astype(np.uint8)
@@ -44,19 +44,19 @@ def lessons(number=64, seed=0):
     poses = np.tile(np.array([0, 0, 0, 1, 0, 0, 0], np.float32), (number, 2))
     poses[:, 7] = brightness / 255 * 0.1
     observations = {"proprioception": proprioception, "part_poses": poses}
-    return Lessons({VIEW.name: images}, observations, rng.integers(-1, 2, number))
+    return DrawnStates({VIEW.name: images}, observations, rng.integers(-1, 2, number))
 
 
 def learned(config, scratch=None, **changes):
     return learn(
         build_estimator(config, spec(), seed=0),
-        lessons(), lessons(32, seed=1), CRITICAL_STATES, seed=0, identity="x", scratch=scratch, **changes,
+        drawn_states(), drawn_states(32, seed=1), CRITICAL_STATES, seed=0, identity="x", scratch=scratch, **changes,
     )  # fmt: skip
 
 
 def test_it_learns_where_a_part_is():
     config = configuration(steps=400)
-    before = measure(build_estimator(config, spec(), seed=0), lessons(32, seed=1), CRITICAL_STATES)
+    before = measure(build_estimator(config, spec(), seed=0), drawn_states(32, seed=1), CRITICAL_STATES)
     errors = learned(config).errors
     assert errors.loss < 0.2 * before.loss
     assert errors.error_mm["insert leg"] < 10
@@ -75,7 +75,7 @@ def test_a_true_estimate_has_no_error():
         def forward(self, observations):
             return self.features
 
-    shown = lessons(32)
+    shown = drawn_states(32)
     errors = measure(Knowing(build_estimator(configuration(), spec(), seed=0), shown), shown, CRITICAL_STATES)
     assert set(errors.error_mm.values()) == {0}
 
@@ -109,7 +109,7 @@ def test_threads_share_a_batch_and_change_nothing_but_last_digits():
 
 def test_of_several_pairs_one_is_chosen_and_never_a_blend():
     estimator = build_estimator(configuration(), spec(num_pairs=3), seed=0)
-    shown = lessons(8)
+    shown = drawn_states(8)
     estimates = estimator(
         {
             "proprioception": torch.from_numpy(shown.observations["proprioception"]),
