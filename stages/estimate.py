@@ -65,7 +65,7 @@ def estimate(context: StageContext, *, episodes: ArtifactRef, annotations: Artif
     )
     curves = CurveWriter(scratch, context.metrics)
     learned = learn(
-        build_estimator(config.encoder, feature_spec(task.name), seed),
+        build_estimator(config.encoder, task.name, feature_spec(task.name), seed),
         drawn["learned"],
         drawn["held_out"],
         tuple(zip(task.critical_state_names, task.critical_states, strict=True)),
@@ -76,13 +76,14 @@ def estimate(context: StageContext, *, episodes: ArtifactRef, annotations: Artif
         progress=context.progress,
         metrics=curves,
     )
-    save_estimator(context.draft.path, learned.estimator, task.name)
+    save_estimator(context.draft.path, learned.estimator)
     curves.finish(context.draft.path)
     context.draft.summary |= {
         "task": task.name,
         "states": estimator.states,
         "steps": estimator.steps,
         DRAWN_BY: sorted({each.drawn_by for each in drawn.values()}),
+        **learned.facts,
         "train/loss": learned.loss,
         "validation/loss": learned.errors.loss,
         "error_mm": dict(learned.errors.error_mm),

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from juicer.estimation.learning import learn, measure
 from juicer.estimation.drawn import DrawnStates
+from juicer.estimation.learning import learn, measure
 from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 from juicer.policy.config import FeatureSpec, PairSpec
 from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
@@ -49,14 +49,14 @@ def drawn_states(number=64, seed=0):
 
 def learned(config, scratch=None, **changes):
     return learn(
-        build_estimator(config, spec(), seed=0),
+        build_estimator(config, "toy", spec(), seed=0),
         drawn_states(), drawn_states(32, seed=1), CRITICAL_STATES, seed=0, identity="x", scratch=scratch, **changes,
     )  # fmt: skip
 
 
 def test_it_learns_where_a_part_is():
     config = configuration(steps=400)
-    before = measure(build_estimator(config, spec(), seed=0), drawn_states(32, seed=1), CRITICAL_STATES)
+    before = measure(build_estimator(config, "toy", spec(), seed=0), drawn_states(32, seed=1), CRITICAL_STATES)
     errors = learned(config).errors
     assert errors.loss < 0.2 * before.loss
     assert errors.error_mm["insert leg"] < 10
@@ -68,15 +68,15 @@ def test_a_true_estimate_has_no_error():
         def __init__(self, estimator, shown):
             super().__init__()
             self.config, self.normalizer, self.spec = estimator.config, estimator.normalizer, estimator.spec
-            self.compute_loss = estimator.compute_loss
+            self.see, self.compute_loss = estimator.see, estimator.compute_loss
             observations = {name: torch.from_numpy(values) for name, values in shown.observations.items()}
-            self.features = state_features(observations, spec(), estimator.config.features)
+            self.true = state_features(observations, spec(), estimator.config.features)
 
-        def forward(self, observations):
-            return self.features
+        def features(self, seen, proprioception):
+            return self.true
 
     shown = drawn_states(32)
-    errors = measure(Knowing(build_estimator(configuration(), spec(), seed=0), shown), shown, CRITICAL_STATES)
+    errors = measure(Knowing(build_estimator(configuration(), "toy", spec(), seed=0), shown), shown, CRITICAL_STATES)
     assert set(errors.error_mm.values()) == {0}
 
 
@@ -108,7 +108,7 @@ def test_threads_share_a_batch_and_change_nothing_but_last_digits():
 
 
 def test_of_several_pairs_one_is_chosen_and_never_a_blend():
-    estimator = build_estimator(configuration(), spec(num_pairs=3), seed=0)
+    estimator = build_estimator(configuration(), "toy", spec(num_pairs=3), seed=0)
     shown = drawn_states(8)
     estimates = estimator(
         {
@@ -127,26 +127,26 @@ def test_the_features_of_every_task_are_estimated_in_their_places(task):
     observations = [env.reset(seed=seed)[0] for seed in range(4)]
     shown = {name: torch.from_numpy(np.stack([each[name] for each in observations])) for name in observations[0]}
     config = configuration()
-    estimator = build_estimator(config, feature_spec(task), seed=0)
+    estimator = build_estimator(config, task, feature_spec(task), seed=0)
     features = state_features(shown, estimator.spec, config.features)
     estimator.normalizer.fit(features)
     images = torch.zeros(4, VIEW.height, VIEW.width, 3, dtype=torch.uint8)
     estimates = estimator({"proprioception": shown["proprioception"], VIEW.name: images})
     assert estimates.shape == features.shape
     torch.testing.assert_close(estimates[:, :16], features[:, :16])
-    assert estimator.compute_loss([images], features).isfinite()
+    assert estimator.compute_loss(estimator.see([images], features[:, :16]), features).isfinite()
 
 
 def test_it_learns_which_pair_is_next():
     choices = torch.arange(12).remainder(3)
     which = torch.nn.functional.one_hot(choices, 3)[:, 1:].float()
-    estimator = build_estimator(configuration(), spec(num_pairs=3), seed=0)
+    estimator = build_estimator(configuration(), "toy", spec(num_pairs=3), seed=0)
     features = torch.cat([torch.zeros(12, estimator.normalizer.offset.shape[0] - 2), which], dim=-1)
     images = (120 * choices[:, None, None, None]).expand(12, 16, 16, 3).to(torch.uint8)
     optimizer = torch.optim.AdamW(estimator.parameters(), lr=1e-2)
     for _ in range(60):
         optimizer.zero_grad()
-        estimator.compute_loss([images], features).backward()
+        estimator.compute_loss(estimator.see([images], features[:, :16]), features).backward()
         optimizer.step()
     estimates = estimator({"proprioception": features[:, :16], VIEW.name: images})
     torch.testing.assert_close(estimates[:, -2:], which)
