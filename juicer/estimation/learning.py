@@ -131,11 +131,11 @@ class _Loop:
         features = _true_features(estimator, drawn)
         estimator.normalizer.fit(features)
         self._features = features.to(device)
-        self._estimator: Estimator = estimator.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self._estimator = estimator.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._device = device
         self.precision = chosen_precision(config.precision, device)
         schedule = Schedule(config.learning_rate, WARMUP_STEPS, config.steps)
-        self._optimisation = Optimisation(
+        self._optimisation: Optimisation[Estimator] = Optimisation(
             self._estimator, schedule, weight_decay=WEIGHT_DECAY, average_decay=AVERAGE_DECAY
         )
         self._order = BatchOrder(len(drawn), config.batch_size, seed)

@@ -120,7 +120,13 @@ def train(
         facts = loop.run(training_identity(episodes, _settings(policy, tasks, config, seed)), scratch, progress)
     return TrainedCheckpoint(
         checkpoint=_checkpoint(loop.learner, config.steps),
-        facts={"device": torch_device.type, "precision": loop.learner.precision, **_origins(pretrained), **facts},
+        facts={
+            "device": torch_device.type,
+            "precision": loop.learner.precision,
+            **_origins(pretrained),
+            **_validated_on(network),
+            **facts,
+        },
         use=use,
         losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
     )
@@ -129,6 +135,11 @@ def train(
 def _origins(pretrained: Sequence[Weights]) -> dict[str, str]:
     """Which weights a policy started from, and what may be done with them."""
     return {"pretrained": ", ".join(f"{each.file} ({each.licence})" for each in pretrained)} if pretrained else {}
+
+
+def _validated_on(network: PolicyNetwork) -> dict[str, str]:
+    """That figures of validation are not those of a policy on images, where somebody might think so."""
+    return {"validated_on": "true poses"} if network.encoders.learns_from_unseen_poses else {}
 
 
 def _checkpoint(learner: Learner, step: int) -> Checkpoint:
