@@ -15,7 +15,7 @@ from juicer.sim.panda import add_panda
 from juicer.sim.parts import add_part
 from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask, PartSpec
 
-# MuJoCo would print its warnings and write MUJOCO_LOG.TXT into the working directory, of whatever process loads a scene.
+# MuJoCo would print its warnings and write MUJOCO_LOG.TXT into the working directory, in every process.
 mujoco.set_mju_user_warning(logging.getLogger(__name__).debug)
 
 TIMESTEP_S = 0.002

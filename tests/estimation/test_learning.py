@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from juicer.errors import TrainingFailed
 from juicer.estimation.drawn import DrawnStates
 from juicer.estimation.learning import learn, measure
 from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
@@ -61,6 +62,31 @@ def test_it_learns_where_a_part_is():
     assert errors.loss < 0.2 * before.loss
     assert errors.error_mm["insert leg"] < 10
     assert set(errors.error_mm) == set(errors.error_deg) == {"grasp leg", "insert leg"}
+
+
+@pytest.mark.parametrize(("precision", "used"), [("fp32", torch.float32), ("bf16", torch.bfloat16)])
+def test_it_learns_in_the_precision_that_is_set(precision, used):
+    estimator = build_estimator(configuration(steps=1, precision=precision), "toy", spec(), seed=0)
+    seen = []
+    estimator.choice.register_forward_hook(lambda module, shown, answer: seen.append(answer.dtype))
+    facts = learn(estimator, drawn_states(), drawn_states(32), CRITICAL_STATES, seed=0, identity="x").facts
+    assert facts == {"device": "cpu", "precision": precision}
+    assert seen[0] is used
+
+
+def test_measuring_looks_at_every_image_once():
+    estimator = build_estimator(configuration(), "toy", spec(), seed=0)
+    looked_at = []
+    estimator.backbones[0].register_forward_hook(lambda module, shown, answer: looked_at.append(len(answer)))
+    measure(estimator, drawn_states(32), CRITICAL_STATES)
+    assert looked_at == [32]
+
+
+def test_a_loss_that_is_no_number_is_told_with_its_remedy():
+    estimator = build_estimator(configuration(), "toy", spec(), seed=0)
+    torch.nn.init.constant_(estimator.choice.weight, float("nan"))
+    with pytest.raises(TrainingFailed, match=r"no longer a number by step 40; lower learning_rate of the estimator"):
+        learn(estimator, drawn_states(), drawn_states(32), CRITICAL_STATES, seed=0, identity="x")
 
 
 def test_a_true_estimate_has_no_error():

@@ -62,7 +62,7 @@ def test_a_process_that_dies_is_told(scenes):
     with DrawingProcesses("one_leg", [VIEW], workers=1) as processes:
         os.kill(processes.pids[0], signal.SIGKILL)
         for _ in range(2):
-            with pytest.raises(RenderingUnavailable, match="ended before its work was done"):
+            with pytest.raises(RenderingUnavailable, match=r"ended before its work was done: .*memory, or .*__main__"):
                 list(processes.draw([scenes] * 3))
 
 
@@ -72,6 +72,23 @@ def test_what_fails_in_a_process_is_raised_here(scenes):
         DrawingProcesses("two_legs", [VIEW], 1) as processes,
     ):
         list(processes.draw([scenes]))
+
+
+def test_mujoco_writes_no_log_of_its_warnings_where_images_are_drawn(tmp_path):
+    script = (
+        "import mujoco, numpy as np, juicer.imaging.processes\n"
+        'model = mujoco.MjModel.from_xml_string(\'<mujoco><worldbody><body><freejoint/><geom size="1"/></body>'
+        "</worldbody></mujoco>')\n"
+        "data = mujoco.MjData(model)\n"
+        "data.qpos[:] = np.nan\n"
+        "mujoco.mj_step(model, data)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=100
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.usefixtures("drawing")

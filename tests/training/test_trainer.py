@@ -20,7 +20,6 @@ from juicer.policy.heads.flow.config import FlowConfig
 from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.policy.tasks import as_shown
 from juicer.training.config import OriginalStateNoise, PhysicalStateNoise
-from juicer.training.optimisation import Schedule
 from juicer.training.state import STATE_FILE
 from juicer.training.trainer import train
 
@@ -217,14 +216,6 @@ def test_short_snippets_count_beside_demonstrations(episodes, tasks, policy_conf
     alone = train([episodes()], policy_config, tasks, config, seed=0)
     mixed = train([episodes(), snippets], policy_config, tasks, config, seed=0)
     assert mixed.facts["num_windows"] == alone.facts["num_windows"] + 5 + 6
-
-
-def test_the_learning_rate_rises_linearly_and_falls_to_zero_like_a_cosine():
-    schedule = Schedule(peak=1.0, warmup_steps=5, steps=105)
-    assert schedule.rate(0) == pytest.approx(0.2)
-    assert schedule.rate(4) == pytest.approx(1.0)
-    assert schedule.rate(55) == pytest.approx(0.5)
-    assert schedule.rate(104) < 1e-3
 
 
 def test_the_original_noise_is_refused_with_relative_actions(episodes, tasks, policy_config, training_config):
