@@ -120,26 +120,23 @@ def train(
         facts = loop.run(training_identity(episodes, _settings(policy, tasks, config, seed)), scratch, progress)
     return TrainedCheckpoint(
         checkpoint=_checkpoint(loop.learner, config.steps),
-        facts={
-            "device": torch_device.type,
-            "precision": loop.learner.precision,
-            **_origins(pretrained),
-            **_validated_on(network),
-            **facts,
-        },
+        facts={"device": torch_device.type, **_known_before(loop.learner, pretrained), **facts},
         use=use,
         losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
     )
 
 
-def _origins(pretrained: Sequence[Weights]) -> dict[str, str]:
-    """Which weights a policy started from, and what may be done with them."""
-    return {"pretrained": ", ".join(f"{each.file} ({each.licence})" for each in pretrained)} if pretrained else {}
+def _known_before(learner: Learner, pretrained: Sequence[Weights]) -> dict[str, str]:
+    """Its arithmetic, where its weights came from and what may be done with them, and what it is validated on.
 
-
-def _validated_on(network: PolicyNetwork) -> dict[str, str]:
-    """That figures of validation are not those of a policy on images, where somebody might think so."""
-    return {"validated_on": "true poses"} if network.encoders.learns_from_unseen_poses else {}
+    A policy that acts on images and is validated on poses says so: others that see images cannot be compared with it.
+    """
+    facts: dict[str, str] = {"precision": learner.precision}
+    if pretrained:
+        facts["pretrained"] = ", ".join(f"{each.file} ({each.licence})" for each in pretrained)
+    if learner.network.encoders.learns_from_unseen_poses:
+        facts["validated_on"] = "true poses"
+    return facts
 
 
 def _checkpoint(learner: Learner, step: int) -> Checkpoint:
