@@ -32,7 +32,7 @@ from juicer.tasks.registry import get_task
 from juicer.views import ImageSpec
 
 
-class Misled:
+class ShownOtherImages:
     """A policy that is shown the images of a recorded episode instead of its own."""
 
     def __init__(self, policy: TrainedPolicy, episode: Episode) -> None:
@@ -45,15 +45,16 @@ class Misled:
         self._positions = joint_positions(get_task(task), np.asarray(episode.steps[STATE_KEY]))
         self._end_effector = np.asarray(episode.steps["proprioception"])[:, :3]
         self._renderer = ViewRenderer(task)
-        self._steps: Counter[int] = Counter()
+        # The streams themselves are kept: the number that tells one from others may be given to a later one.
+        self._steps: Counter[np.random.Generator] = Counter()
 
     def predict(
         self, observations: Mapping[str, NDArray[Any]], streams: Sequence[np.random.Generator]
     ) -> NDArray[np.float32]:
         """See :class:`juicer.rollout.Policy`; every episode has a stream of its own, by which it is known."""
         last = len(self._positions) - 1
-        now = [min(self._steps[id(stream)], last) for stream in streams]
-        self._steps.update({id(stream): self.action_horizon for stream in streams})
+        now = [min(self._steps[stream], last) for stream in streams]
+        self._steps.update(dict.fromkeys(streams, self.action_horizon))
         seen = {
             name: np.stack([
                 [self._renderer.draw(self._positions[step], view, self._end_effector[step])] * self.obs_horizon
@@ -72,19 +73,23 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=Path("data"), help="folder of the artifacts")
     parser.add_argument("--episodes", type=int, default=40)
     parser.add_argument("--envs", type=int, default=8)
+    parser.add_argument("--max-steps", type=int, help="steps of an episode; those of the task if left out")
     options = parser.parse_args()
     store = ArtifactStore(options.data)
     checkpoint = store.resolve(options.checkpoint, "checkpoint")
     episodes = store.resolve(options.demonstrations, "episodes")
     demonstration = EpisodeReader(store.open(episodes, "episodes")).read(0)
     policy = load_checkpoint(store.open(checkpoint, "checkpoint")).policy(demonstration.record.task)
-    for name, acting in (("its own images", policy), ("another episode's", Misled(policy, demonstration))):
-        print(f"{name:<18} {_account(acting, demonstration.record.task, options.episodes, options.envs)}", flush=True)
+    for name, acting in (("its own images", policy), ("another episode's", ShownOtherImages(policy, demonstration))):
+        print(f"{name:<18} {_account(acting, demonstration.record.task, options)}", flush=True)
 
 
-def _account(policy: Policy, task: str, episodes: int, envs: int) -> str:
+def _account(policy: Policy, task: str, options: argparse.Namespace) -> str:
+    episodes = options.episodes
     seeds = claim(Purpose.EVALUATION, 0, episodes)
-    records = [each.record for each in rollout(policy, task, "low", seeds, num_envs=envs)]
+    records = [
+        each.record for each in rollout(policy, task, "low", seeds, num_envs=options.envs, max_steps=options.max_steps)
+    ]
     successes = sum(record.outcome is Outcome.SUCCESS for record in records)
     low, high = wilson_interval(successes, episodes)
     reached = milestone_counts([record.milestones for record in records], get_task(task).milestones)

@@ -37,7 +37,7 @@ class EstimateConfig(StrictConfig):
 )
 def estimate(context: StageContext, *, episodes: ArtifactRef, annotations: ArtifactRef, config: EstimateConfig) -> None:
     """Learn where parts are from displaced renderings of recorded states; the poses are the simulator's."""
-    from juicer.estimation.drawing import draw_lessons
+    from juicer.estimation.drawing import StatesToDraw, draw_states
     from juicer.estimation.learning import learn
     from juicer.estimation.scenes import Recorded
     from juicer.policy.encoders.estimated.estimator import build_estimator
@@ -47,25 +47,27 @@ def estimate(context: StageContext, *, episodes: ArtifactRef, annotations: Artif
     reader = EpisodeReader(context.store.open(episodes, "episodes"))
     reader.require_state()
     estimator, seed, scratch = config.encoder.estimator, config.seed, context.draft.scratch
-    task = get_task(reader.records[0].task)
     rows = read_annotations(context.store.open(annotations, "annotations"))
     recorded = Recorded(reader, rows, estimator.validation_fraction, seed)
-    sides = {
-        "learned": (recorded.to_learn_from(estimator.states, estimator.near_critical), estimator.displacements),
-        "held_out": (recorded.to_be_measured_on(), UNDISPLACED),
-    }
-    lessons = {
-        name: draw_lessons(
-            reader, chosen, displacements, estimator.views.values(), scratch / name,
-            seed=seed, workers=context.machine.workers, progress=context.progress,
-        )
-        for name, (chosen, displacements) in sides.items()
-    }  # fmt: skip
+    task = get_task(reader.records[0].task)
+    learned_from = recorded.to_learn_from(estimator.states, estimator.near_critical)
+    drawn = draw_states(
+        reader,
+        {
+            "learned": StatesToDraw(learned_from, estimator.displacements),
+            "held_out": StatesToDraw(recorded.to_be_measured_on(), UNDISPLACED),
+        },
+        tuple(estimator.views.values()),
+        scratch,
+        seed=seed,
+        workers=context.machine.workers,
+        progress=context.progress,
+    )
     curves = CurveWriter(scratch, context.metrics)
     learned = learn(
-        build_estimator(config.encoder, feature_spec(task.name), seed),
-        lessons["learned"],
-        lessons["held_out"],
+        build_estimator(config.encoder, task.name, feature_spec(task.name), seed),
+        drawn["learned"],
+        drawn["held_out"],
         tuple(zip(task.critical_state_names, task.critical_states, strict=True)),
         seed=seed,
         identity=context.draft.ref.id,
@@ -74,13 +76,14 @@ def estimate(context: StageContext, *, episodes: ArtifactRef, annotations: Artif
         progress=context.progress,
         metrics=curves,
     )
-    save_estimator(context.draft.path, learned.estimator, task.name)
+    save_estimator(context.draft.path, learned.estimator)
     curves.finish(context.draft.path)
     context.draft.summary |= {
         "task": task.name,
         "states": estimator.states,
         "steps": estimator.steps,
-        DRAWN_BY: sorted({each.drawn_by for each in lessons.values()}),
+        DRAWN_BY: sorted({each.drawn_by for each in drawn.values()}),
+        **learned.facts,
         "train/loss": learned.loss,
         "validation/loss": learned.errors.loss,
         "error_mm": dict(learned.errors.error_mm),

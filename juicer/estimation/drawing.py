@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from juicer.displacements import Displacements
-from juicer.estimation.lessons import Lessons
+from juicer.estimation.drawn import DrawnStates
 from juicer.estimation.perturbation import Scene
 from juicer.estimation.scenes import ChosenSteps, displaced
 from juicer.imaging.processes import DrawingProcesses, Scenes
@@ -18,33 +21,44 @@ from juicer.storage.room import require_room
 from juicer.views import View
 
 BATCH = 64
-"""Scenes that a process draws at a time."""
-DONE_FILE = "scenes.npz"
-"""Written last: what is true of the scenes whose images are all there."""
+"""States that a process draws at a time."""
+DONE_FILE = "states.npz"
+"""Written last: what is true of the states whose images are all there."""
 
 
-def draw_lessons(
+@dataclass(frozen=True)
+class StatesToDraw:
+    """Which states are drawn.
+
+    Attributes:
+        chosen: Recorded steps.
+        displacements: How far things are displaced in them.
+    """
+
+    chosen: ChosenSteps
+    displacements: Displacements
+
+
+def draw_states(
     reader: EpisodeReader,
-    chosen: ChosenSteps,
-    displacements: Displacements,
-    views: Collection[View],
+    sets: Mapping[str, StatesToDraw],
+    views: Sequence[View],
     folder: Path,
     *,
     seed: int,
     workers: int,
     progress: Progress = silent_progress,
-) -> Lessons:
+) -> dict[str, DrawnStates]:
     """Displace recorded steps and draw them.
 
     Args:
         reader: The recorded episodes.
-        chosen: Which of their steps.
-        displacements: How far things are displaced.
-        views: What is drawn of each.
-        folder: Where the files of images go. If all of them are there already, they are taken as they are.
+        sets: Sets of states, by name.
+        views: What is drawn of each state.
+        folder: Where the files of images go. A set whose images are all there is taken as it is.
         seed: Decides the displacements.
         workers: Processes that draw.
-        progress: Called with the images that are drawn.
+        progress: Called with the states that are drawn.
 
     Raises:
         StateMissing: If the episodes hold no simulator states.
@@ -53,64 +67,71 @@ def draw_lessons(
         StoreNotWritable: If the disk has too little room.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    if (folder / DONE_FILE).exists():
-        return _drawn_before(folder, chosen, views)
-    total = len(chosen.steps)
+    missing = {name: each for name, each in sets.items() if not (folder / name / DONE_FILE).exists()}
+    for name in missing:
+        shutil.rmtree(folder / name, ignore_errors=True)
+    total = sum(len(each.chosen.steps) for each in missing.values())
     needed = total * sum(view.width * view.height * 3 for view in views)
     require_room(folder, needed, f"the images of {total:,} displaced states")
-    scenes = _Remembered(displaced(reader, chosen.steps, displacements, seed), BATCH)
-    task, drawn, drawn_by = reader.records[0].task, {}, ""
-    for number, view in enumerate(views):
-        images = np.memmap(folder / view.name, np.uint8, "w+", shape=(total, view.height, view.width, 3))
-        with DrawingProcesses(task, view, workers) as processes:
-            drawn_by = processes.gl
-            for batch, found in enumerate(processes.draw(scenes.batches())):
-                done = min((batch + 1) * BATCH, total)
-                images[batch * BATCH : done] = found
-                progress(number * total + done, total * len(views))
-        drawn[view.name] = images
-    observations = {
-        "proprioception": np.stack([scene.proprioception for scene in scenes.all]),
-        "part_poses": np.stack([scene.part_poses for scene in scenes.all]),
-    }
-    with (folder / DONE_FILE).open("wb") as file:
-        np.savez(file, allow_pickle=False, drawn_by=drawn_by, **observations)
-    return Lessons(drawn, observations, chosen.critical_states, drawn_by)
+    if missing:
+        with DrawingProcesses(reader.records[0].task, views, workers) as processes:
+            done = 0
+            for name, each in missing.items():
+                for drawn in _draw(reader, each, views, folder / name, seed, processes):
+                    progress(done + drawn, total)
+                done += len(each.chosen.steps)
+    return {name: _read(folder / name, each.chosen, views) for name, each in sets.items()}
 
 
-def _drawn_before(folder: Path, chosen: ChosenSteps, views: Collection[View]) -> Lessons:
-    """What a run that was killed later has drawn."""
-    total = len(chosen.steps)
-    images = {
-        view.name: np.memmap(folder / view.name, np.uint8, "r", shape=(total, view.height, view.width, 3))
-        for view in views
-    }
-    with np.load(folder / DONE_FILE) as known:
-        observations = {name: known[name] for name in ("proprioception", "part_poses")}
-        return Lessons(images, observations, chosen.critical_states, str(known["drawn_by"]))
+def _draw(
+    reader: EpisodeReader,
+    states: StatesToDraw,
+    views: Sequence[View],
+    folder: Path,
+    seed: int,
+    processes: DrawingProcesses,
+) -> Iterator[int]:
+    """Draw a set of states; yields how many are drawn."""
+    folder.mkdir()
+    total = len(states.chosen.steps)
+    images = {name: np.memmap(folder / name, np.uint8, "w+", shape=shape) for name, shape in _shapes(total, views)}
+    scenes: list[Scene] = []
 
-
-class _Remembered:
-    """Scenes in batches, made while the first view is drawn and remembered for the others.
-
-    Attributes:
-        all: Those that were made.
-    """
-
-    def __init__(self, scenes: Iterator[Scene], size: int) -> None:
-        self.all: list[Scene] = []
-        self._scenes = scenes
-        self._size = size
-
-    def batches(self) -> Iterator[Scenes]:
-        start = 0
-        while batch := self._batch(start):
+    def batches() -> Iterator[Scenes]:
+        ahead = displaced(reader, states.chosen.steps, states.displacements, seed)
+        while batch := list(islice(ahead, BATCH)):
+            scenes.extend(batch)
             yield Scenes(
                 np.stack([scene.positions for scene in batch]), np.stack([scene.proprioception[:3] for scene in batch])
             )
-            start += len(batch)
 
-    def _batch(self, start: int) -> Sequence[Scene]:
-        while len(self.all) < start + self._size and (scene := next(self._scenes, None)) is not None:
-            self.all.append(scene)
-        return self.all[start : start + self._size]
+    done = 0
+    for batch in processes.draw(batches()):
+        for name, found in batch.items():
+            images[name][done : done + BATCH] = found
+        done = min(done + BATCH, total)
+        yield done
+    for each in images.values():
+        each.flush()
+    draft = folder / f"{DONE_FILE}.draft"
+    with draft.open("wb") as file:
+        np.savez(
+            file,
+            allow_pickle=False,
+            drawn_by=processes.gl,
+            proprioception=np.stack([scene.proprioception for scene in scenes]),
+            part_poses=np.stack([scene.part_poses for scene in scenes]),
+        )
+    draft.replace(folder / DONE_FILE)
+
+
+def _read(folder: Path, chosen: ChosenSteps, views: Sequence[View]) -> DrawnStates:
+    shapes = _shapes(len(chosen.steps), views)
+    images = {name: np.memmap(folder / name, np.uint8, "r", shape=shape) for name, shape in shapes}
+    with np.load(folder / DONE_FILE) as known:
+        observations = {name: known[name] for name in ("proprioception", "part_poses")}
+        return DrawnStates(images, observations, chosen.critical_states, str(known["drawn_by"]))
+
+
+def _shapes(total: int, views: Sequence[View]) -> Iterator[tuple[str, tuple[int, ...]]]:
+    return ((view.name, (total, view.height, view.width, 3)) for view in views)

@@ -1,8 +1,7 @@
-"""How an estimator learns from drawn scenes, and how far off it is where precision decides."""
+"""How an estimator learns from drawn states, and how far off it is where precision decides."""
 
 from __future__ import annotations
 
-import copy
 import math
 import time
 from collections.abc import Mapping, Sequence
@@ -14,14 +13,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from juicer.errors import TrainingFailed
-from juicer.estimation.lessons import Lessons
+from juicer.episode import PROPRIOCEPTION_SIZE
+from juicer.estimation.drawn import DrawnStates
 from juicer.policy.encoders.estimated.estimator import Estimator
 from juicer.policy.encoders.features.features import read_pair, state_features
-from juicer.policy.torch_settings import compute_settings, has_fast_bfloat16, usable_device
+from juicer.policy.torch_settings import chosen_precision, compute_settings, usable_device
 from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progress
 from juicer.tasks.specification import CriticalState, Insertion
-from juicer.training.learner import MOMENTS
+from juicer.training.optimisation import Optimisation, Schedule, require_number
 from juicer.training.source import BatchOrder
 from juicer.training.state import TrainingState, load_state, save_state
 
@@ -42,8 +41,8 @@ class Errors:
     """How far an estimator is off.
 
     Attributes:
-        loss: Over all scenes.
-        error_mm: By name of a critical state, the mean distance at the scenes close to it between where a part is and
+        loss: Over all states.
+        error_mm: By name of a critical state, the mean distance at the states close to it between where a part is and
             where it seems to be: one that is grasped as seen from the gripper, one that is inserted from its target.
         error_deg: Likewise, the mean angle between its axis and what seems to be it.
     """
@@ -59,19 +58,21 @@ class Learned:
 
     Attributes:
         estimator: With averaged weights.
-        loss: At the end, of the scenes that it learned from.
+        loss: At the end, of the states that it learned from.
         errors: On those that were held out.
+        facts: Device and precision with which it has learned.
     """
 
     estimator: Estimator
     loss: float
     errors: Errors
+    facts: Mapping[str, str]
 
 
 def learn(
     estimator: Estimator,
-    lessons: Lessons,
-    held_out: Lessons,
+    drawn: DrawnStates,
+    held_out: DrawnStates,
     critical_states: Sequence[tuple[str, CriticalState]],
     *,
     seed: int,
@@ -81,14 +82,14 @@ def learn(
     progress: Progress = silent_progress,
     metrics: MetricSink | None = None,
 ) -> Learned:
-    """Teach an estimator what is true of drawn scenes.
+    """Teach an estimator what is true of drawn states.
 
     Args:
         estimator: With initial weights; it is changed.
-        lessons: Scenes to learn from.
-        held_out: Scenes to be measured on.
+        drawn: States to learn from.
+        held_out: States to be measured on.
         critical_states: Names and kinds of the task's critical states, by index.
-        seed: Decides the order of the scenes.
+        seed: Decides the order of the states.
         identity: Of what is learned: an unfinished training in ``scratch`` of another one is passed over.
         scratch: Folder for the state of an unfinished training, from which it continues.
         device: Torch device.
@@ -102,10 +103,10 @@ def learn(
     torch_device = usable_device(device)
     threads = estimator.config.estimator.threads if torch_device.type == "cpu" else 1
     with compute_settings(1, "medium"), ThreadPoolExecutor(threads) as pool:
-        loop = _Loop(estimator, lessons, torch_device, seed, pool, threads)
+        loop = _Loop(estimator, drawn, torch_device, seed, pool, threads)
         loss = loop.run(identity, scratch, progress, metrics or NullMetricSink())
-        errors = measure(loop.average, held_out, critical_states)
-    return Learned(loop.average.cpu(), loss, errors)
+        errors = measure(loop.acting, held_out, critical_states)
+    return Learned(loop.acting.cpu(), loss, errors, {"device": torch_device.type, "precision": loop.precision})
 
 
 class _Loop:
@@ -118,26 +119,30 @@ class _Loop:
     def __init__(
         self,
         estimator: Estimator,
-        lessons: Lessons,
+        drawn: DrawnStates,
         device: torch.device,
         seed: int,
         pool: ThreadPoolExecutor,
         parts: int,
     ) -> None:
         self._pool, self._parts = pool, parts
-        self._config = estimator.config.estimator
-        self._lessons = lessons
-        features = _true_features(estimator, lessons)
+        self._config = config = estimator.config.estimator
+        self._drawn = drawn
+        features = _true_features(estimator, drawn)
         estimator.normalizer.fit(features)
         self._features = features.to(device)
-        self._estimator = estimator.to(device, memory_format=torch.channels_last).train()  # type: ignore[call-overload]
-        self.average = copy.deepcopy(self._estimator).eval().requires_grad_(False)
+        self._estimator = estimator.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._device = device
-        self._parameters = list(estimator.parameters())
-        self._optimizer = torch.optim.AdamW(
-            self._parameters, lr=self._config.learning_rate, weight_decay=WEIGHT_DECAY, fused=True
+        self.precision = chosen_precision(config.precision, device)
+        schedule = Schedule(config.learning_rate, WARMUP_STEPS, config.steps)
+        self._optimisation: Optimisation[Estimator] = Optimisation(
+            self._estimator, schedule, weight_decay=WEIGHT_DECAY, average_decay=AVERAGE_DECAY
         )
-        self._order = BatchOrder(len(lessons), self._config.batch_size, seed)
+        self._order = BatchOrder(len(drawn), config.batch_size, seed)
+
+    @property
+    def acting(self) -> Estimator:
+        return self._optimisation.acting
 
     def run(self, identity: str, scratch: Path | None, progress: Progress, metrics: MetricSink) -> float:
         steps, loss_sum, shown = self._config.steps, 0.0, math.nan
@@ -148,97 +153,71 @@ class _Loop:
             done = step + 1
             if done % REPORT_EVERY == 0 or done == steps:
                 shown, loss_sum = loss_sum / (done % REPORT_EVERY or REPORT_EVERY), 0.0
-                if not math.isfinite(shown):
-                    raise TrainingFailed(
-                        f"the loss of the estimator is no longer a number by step {done}; lower its learning_rate "
-                        f"(now {self._config.learning_rate})"
-                    )
+                require_number(shown, done, f"lower learning_rate of the estimator (now {self._config.learning_rate})")
                 metrics.log({"train/loss": shown}, done)
                 left = (time.monotonic() - started) / (done - first) * (steps - done)
                 progress(done, steps, loss=shown, seconds_left=round(left))
             if scratch is not None and done % SAVE_EVERY == 0 and done < steps:
-                save_state(scratch, TrainingState(identity, done, self._tensors()))
+                save_state(scratch, TrainingState(identity, done, self._optimisation.tensors()))
         return shown
 
     def _learn(self, step: int) -> float:
         # Taken in the order in which they lie on the disk.
         rows = self._order.rows(step).sort().values
         losses, gradients = zip(*self._pool.map(self._gradients, rows.chunk(self._parts)), strict=True)
-        for parameter, parts in zip(self._parameters, zip(*gradients, strict=True), strict=True):
+        parameters = self._optimisation.parameters
+        for parameter, parts in zip(parameters, zip(*gradients, strict=True), strict=True):
             parameter.grad = torch.stack(parts).sum(dim=0)
-        torch.nn.utils.clip_grad_norm_(self._parameters, LARGEST_GRADIENT)
-        self._optimizer.param_groups[0]["lr"] = self._rate(step)
-        self._optimizer.step()
-        with torch.no_grad():
-            decay = min(AVERAGE_DECAY, (1 + step) / (10 + step))
-            averages: list[Tensor] = list(self.average.parameters())
-            torch._foreach_lerp_(averages, list(self._parameters), 1 - decay)
+        torch.nn.utils.clip_grad_norm_(parameters, LARGEST_GRADIENT)
+        self._optimisation.step(step)
         return float(sum(losses))
 
     def _gradients(self, rows: Tensor) -> tuple[float, tuple[Tensor, ...]]:
         """What a part of a batch contributes to the loss, and to the gradient of every weight."""
-        images = [torch.from_numpy(images[rows.numpy()]).to(self._device) for images in self._lessons.images.values()]
-        reduced = self._device.type != "cpu" or has_fast_bfloat16()
-        with torch.autocast(self._device.type, torch.bfloat16, enabled=reduced):
-            loss = self._estimator.compute_loss(images, self._features[rows]) * (len(rows) / self._config.batch_size)
-        return float(loss.detach()), torch.autograd.grad(loss, self._parameters)
+        images = [torch.from_numpy(images[rows.numpy()]).to(self._device) for images in self._drawn.images.values()]
+        features = self._features[rows]
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=self.precision == "bf16"):
+            seen = self._estimator.see(images, features[:, :PROPRIOCEPTION_SIZE])
+            loss = self._estimator.compute_loss(seen, features) * (len(rows) / self._config.batch_size)
+        return float(loss.detach()), torch.autograd.grad(loss, self._optimisation.parameters)
 
-    def _rate(self, step: int) -> float:
-        """Linear warm-up, then a cosine that ends at zero."""
-        rise = min(1.0, (step + 1) / WARMUP_STEPS)
-        return self._config.learning_rate * rise * 0.5 * (1 + math.cos(math.pi * step / self._config.steps))
-
-    def _tensors(self) -> dict[str, Tensor]:
-        """Everything that later steps depend on, by name; safetensors writes the usual memory format only."""
-        tensors = {f"network.{name}": value for name, value in self._estimator.state_dict().items()}
-        tensors |= {f"average.{name}": value for name, value in self.average.state_dict().items()}
-        for index, parameter in enumerate(self._parameters):
-            moments = self._optimizer.state[parameter]
-            tensors |= {f"{moment}.{index}": moments[moment] for moment in MOMENTS}
-        return {name: value.contiguous() for name, value in tensors.items()}
-
-    @torch.no_grad()
     def _resume(self, identity: str, scratch: Path | None) -> int:
         state = None if scratch is None else load_state(scratch, identity)
         if state is None:
             return 0
-        for prefix, network in (("network.", self._estimator), ("average.", self.average)):
-            network.load_state_dict({name: state.tensors[prefix + name] for name in network.state_dict()})
-        for index, parameter in enumerate(self._parameters):
-            self._optimizer.state[parameter] = {
-                "step": torch.tensor(float(state.step), device=parameter.device),
-                **{each: torch.empty_like(parameter).copy_(state.tensors[f"{each}.{index}"]) for each in MOMENTS},
-            }
+        self._optimisation.restore(state.tensors, state.step)
         return state.step
 
 
 @torch.inference_mode()
-def measure(estimator: Estimator, lessons: Lessons, critical_states: Sequence[tuple[str, CriticalState]]) -> Errors:
-    """How far an estimator is off, over all scenes and close to each critical state."""
+def measure(estimator: Estimator, drawn: DrawnStates, critical_states: Sequence[tuple[str, CriticalState]]) -> Errors:
+    """How far an estimator is off, over all states and close to each critical state."""
     device = estimator.normalizer.offset.device
     views = estimator.config.estimator.views.values()
-    true = _true_features(estimator, lessons)
-    proprioception = torch.from_numpy(lessons.observations["proprioception"])
+    true = _true_features(estimator, drawn)
     estimates, loss = [], 0.0
-    for start in range(0, len(lessons), MEASURED_AT_ONCE):
+    for start in range(0, len(drawn), MEASURED_AT_ONCE):
         rows = slice(start, start + MEASURED_AT_ONCE)
-        images = {view.name: torch.from_numpy(np.array(lessons.images[view.name][rows])).to(device) for view in views}
-        estimates.append(estimator({"proprioception": proprioception[rows].to(device), **images}).cpu())
-        loss += len(true[rows]) * float(estimator.compute_loss(list(images.values()), true[rows].to(device)))
-    features = estimator.config.features
-    seen, truth = (read_pair(each, features) for each in (torch.cat(estimates), true))
-    distance_m = (seen.offsets_m - truth.offsets_m).norm(dim=-1)
-    angle_rad = torch.acos((seen.axes * truth.axes).sum(dim=-1).clamp(-1, 1))
+        images = [torch.from_numpy(np.array(drawn.images[view.name][rows])).to(device) for view in views]
+        features = true[rows].to(device)
+        proprioception = features[:, :PROPRIOCEPTION_SIZE]
+        seen = estimator.see(images, proprioception)
+        estimates.append(estimator.features(seen, proprioception).cpu())
+        loss += len(features) * float(estimator.compute_loss(seen, features))
+    config = estimator.config.features
+    found, truth = (read_pair(each, config) for each in (torch.cat(estimates), true))
+    distance_m = (found.offsets_m - truth.offsets_m).norm(dim=-1)
+    angle_rad = torch.acos((found.axes * truth.axes).sum(dim=-1).clamp(-1, 1))
     error_mm, error_deg = {}, {}
     for index, (name, state) in enumerate(critical_states):
-        close = torch.from_numpy(lessons.critical_states == index)
+        close = torch.from_numpy(drawn.critical_states == index)
         if close.any():
             what = _IN_TARGET if isinstance(state, Insertion) else _BASE if state.part == 0 else _PART
             error_mm[name] = 1000 * float(distance_m[close, what].mean())
             error_deg[name] = float(angle_rad[close, what].rad2deg().mean())
-    return Errors(loss / max(len(lessons), 1), error_mm, error_deg)
+    return Errors(loss / max(len(drawn), 1), error_mm, error_deg)
 
 
-def _true_features(estimator: Estimator, lessons: Lessons) -> Tensor:
-    observations = {name: torch.from_numpy(np.asarray(values)) for name, values in lessons.observations.items()}
+def _true_features(estimator: Estimator, drawn: DrawnStates) -> Tensor:
+    observations = {name: torch.from_numpy(np.asarray(values)) for name, values in drawn.observations.items()}
     return state_features(observations, estimator.spec, estimator.config.features)

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from juicer.errors import InvalidEpisode
 from juicer.sim.panda import END_EFFECTOR_Z, HAND_BODY
 from juicer.views import FRONT_CAMERA, WRIST_CAMERA, GazeCrop, StaticCrop, View
 
@@ -56,6 +57,9 @@ class Frustum(NamedTuple):
         Args:
             view: Which.
             end_effector: Position ``(3,)`` in the robot base frame, as in proprioception.
+
+        Raises:
+            InvalidEpisode: If a view that is placed by that position gets none that is finite.
         """
         if isinstance(view.crop, GazeCrop):
             return cls._around(view.crop, end_effector, view.width / view.height)
@@ -74,7 +78,12 @@ class Frustum(NamedTuple):
 
     @classmethod
     def _around(cls, crop: GazeCrop, end_effector: NDArray[np.float32], aspect: float) -> Self:
-        point = np.nan_to_num(np.asarray(end_effector, np.float64), posinf=0.0, neginf=0.0) - (0, 0, crop.below_m)
+        if not np.isfinite(end_effector).all():
+            raise InvalidEpisode(
+                "a gaze view cannot be placed: the end effector's position is no finite number, so the simulation had "
+                "diverged there; leave out that step or its episode"
+            )
+        point = np.asarray(end_effector, np.float64) - (0, 0, crop.below_m)
         right, up, back = (point - _FRONT_POSITION) @ _FRONT_AXES
         depth = max(-back, _NEAREST_GAZE_M)
         # It stays within what the camera sees, and keeps its shape.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import cycle
 from multiprocessing.connection import Connection
 from types import TracebackType
@@ -20,9 +20,11 @@ from juicer.views import View
 
 AHEAD = 2
 """Batches that wait for a process, or that it has drawn and nobody has taken."""
-FAREWELL_SECONDS = 5.0
+SECONDS_TO_END = 5.0
 
 Images = NDArray[np.uint8]
+ImagesOfViews = Mapping[str, Images]
+"""By a view's name."""
 
 
 class Scenes(NamedTuple):
@@ -38,7 +40,7 @@ class Scenes(NamedTuple):
 
 
 class DrawingProcesses:
-    """Processes that draw a view of one task's scenes, each with an OpenGL context of its own.
+    """Processes that draw views of one task's scenes, each with an OpenGL context of its own.
 
     They end when they are closed, or with the process that started them, whatever ends that. A process that may start
     none, as a worker of a cluster is, draws itself.
@@ -47,7 +49,7 @@ class DrawingProcesses:
         gl: What draws, in the words of its OpenGL platform.
     """
 
-    def __init__(self, task: str, view: View, workers: int) -> None:
+    def __init__(self, task: str, views: Sequence[View], workers: int) -> None:
         """Start them.
 
         Raises:
@@ -56,14 +58,14 @@ class DrawingProcesses:
         spawning = multiprocessing.get_context("spawn")
         self._links: list[Connection] = []
         self._processes = []
-        self._view = view
+        self._views = views
         self._own: ViewRenderer | None = None
         if multiprocessing.current_process().daemon:
             self._own, self.gl = ViewRenderer(task), gl_name()
             return
         for _ in range(workers):
             link, their_end = spawning.Pipe()
-            process = spawning.Process(target=_work, args=(their_end, task, view), name="drawing", daemon=True)
+            process = spawning.Process(target=_work, args=(their_end, task, views), name="drawing", daemon=True)
             process.start()
             their_end.close()
             self._links.append(link)
@@ -96,18 +98,18 @@ class DrawingProcesses:
         for link in self._links:
             link.close()
         for process in self._processes:
-            process.join(FAREWELL_SECONDS)
+            process.join(SECONDS_TO_END)
             process.terminate()
             process.join()
 
-    def draw(self, batches: Iterable[Scenes]) -> Iterator[Images]:
-        """Images ``(N, height, width, 3)`` of each batch, in order.
+    def draw(self, batches: Iterable[Scenes]) -> Iterator[ImagesOfViews]:
+        """Images ``(N, height, width, 3)`` of every view of each batch, in order.
 
         Raises:
             JuicerError: Whatever drawing raises.
         """
         if self._own is not None:
-            yield from (_drawn(self._own, self._view, scenes) for scenes in batches)
+            yield from (_drawn(self._own, self._views, scenes) for scenes in batches)
             return
         ahead: deque[Connection] = deque()
         for link, scenes in zip(cycle(self._links), batches, strict=False):
@@ -138,20 +140,24 @@ def _received(link: Connection) -> Any:
 
 def _ended() -> RenderingUnavailable:
     return RenderingUnavailable(
-        "a process that draws images ended before its work was done; the machine may have run out of memory"
+        "a process that draws images ended before its work was done: the machine may have run out of memory, or a "
+        "script that draws lacks 'if __name__ == \"__main__\":' around what it does, which such processes need"
     )
 
 
-def _drawn(renderer: ViewRenderer, view: View, scenes: Scenes) -> Images:
-    return np.stack([renderer.draw(positions, view, at) for positions, at in zip(*scenes, strict=True)])
+def _drawn(renderer: ViewRenderer, views: Sequence[View], scenes: Scenes) -> ImagesOfViews:
+    return {
+        view.name: np.stack([renderer.draw(positions, view, at) for positions, at in zip(*scenes, strict=True)])
+        for view in views
+    }
 
 
-def _work(link: Connection, task: str, view: View) -> None:
+def _work(link: Connection, task: str, views: Sequence[View]) -> None:
     try:
         renderer = ViewRenderer(task)
         link.send(gl_name())
         while True:
-            link.send(_drawn(renderer, view, link.recv()))
+            link.send(_drawn(renderer, views, link.recv()))
     except (EOFError, BrokenPipeError, KeyboardInterrupt):
         return
     except Exception as error:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -35,7 +35,7 @@ def drawing_of(reader: EpisodeReader, view: View, workers: int) -> Iterator[Reco
     reader.require_state()
     if not len(reader):
         raise NothingLeft(f"the episodes in '{reader.folder}' are none, so there is nothing to draw")
-    with DrawingProcesses(reader.records[0].task, view, workers) as processes:
+    with DrawingProcesses(reader.records[0].task, (view,), workers) as processes:
         yield RecordedImages(reader, view, processes)
 
 
@@ -59,7 +59,7 @@ class RecordedImages:
         total = int(self._reader.episode_ends[-1])
         starts = np.unique(np.linspace(0, max(0, total - CHUNK_STEPS), SAMPLES).astype(int)).tolist()
         spans = [slice(start, min(start + CHUNK_STEPS, total)) for start in starts]
-        images = np.concatenate(list(self._processes.draw(map(self._scenes, spans))))
+        images = np.concatenate(list(self._drawn(spans)))
         return stored_bytes(self._view.column, images) / len(images) * total
 
     def episodes(self, progress: Progress = silent_progress) -> Iterator[Images]:
@@ -73,13 +73,16 @@ class RecordedImages:
             [slice(first, min(first + BATCH, end)) for first in range(start, end, BATCH)]
             for start, end in zip(starts.tolist(), self._reader.episode_ends.tolist(), strict=True)
         ]
-        drawn = self._processes.draw(self._scenes(span) for each in spans for span in each)
+        drawn = self._drawn(span for each in spans for span in each)
         for each in spans:
             images = []
             for span in each:
                 images.append(next(drawn))
                 progress(span.stop, int(self._reader.episode_ends[-1]))
             yield np.concatenate(images)
+
+    def _drawn(self, spans: Iterable[slice]) -> Iterator[Images]:
+        return (images[self._view.name] for images in self._processes.draw(map(self._scenes, spans)))
 
     def _scenes(self, span: slice) -> Scenes:
         positions = joint_positions(self._task, self._reader.steps(STATE_KEY, span))

@@ -49,7 +49,7 @@ class _Drawing:
 
 
 @dataclass(frozen=True)
-class _Farewell:
+class _Release:
     """An owner needs nothing more; the answer is whether it was the last and the thread ends."""
 
     owner: object
@@ -61,7 +61,7 @@ class RenderWorker:
 
     def __init__(self) -> None:
         """Do nothing yet."""
-        self._requests: SimpleQueue[_Drawing | _Farewell] = SimpleQueue()
+        self._requests: SimpleQueue[_Drawing | _Release] = SimpleQueue()
         self._thread: threading.Thread | None = None
         # Held for every request but those of finalizers, so that the thread cannot end with one unanswered.
         self._lock = threading.Lock()
@@ -79,43 +79,43 @@ class RenderWorker:
             self._requests.put(request)
         return request.answer.result()
 
-    def forget(self, owner: object) -> None:
+    def release(self, owner: object) -> None:
         """Free what was made for an owner, as far as no other needs it."""
-        farewell = _Farewell(owner)
+        release = _Release(owner)
         with self._lock:
             thread = self._thread
             # A forked process inherits the thread's name and nothing of it.
             if thread is None or not thread.is_alive():
                 return
-            self._requests.put(farewell)
-        if farewell.answer.result():
+            self._requests.put(release)
+        if release.answer.result():
             thread.join()
 
-    def forget_later(self, owner: object) -> None:
+    def release_without_waiting(self, owner: object) -> None:
         """The same from a finalizer, which may run at any moment of any thread and must not wait."""
-        self._requests.put(_Farewell(owner))
+        self._requests.put(_Release(owner))
 
     def _work(self) -> None:
-        studio = _Studio()
+        canvases = _Canvases()
         while True:
             request = self._requests.get()
-            if isinstance(request, _Farewell):
-                studio.forget(request.owner)
-                if self._ends(studio, request):
+            if isinstance(request, _Release):
+                canvases.release(request.owner)
+                if self._ends(canvases, request):
                     return
                 continue
             try:
-                request.answer.set_result(studio.draw(request))
+                request.answer.set_result(canvases.draw(request))
             except BaseException as error:
                 request.answer.set_exception(error)
 
-    def _ends(self, studio: _Studio, farewell: _Farewell) -> bool:
+    def _ends(self, canvases: _Canvases, release: _Release) -> bool:
         with self._lock:
-            is_last = studio.is_empty and self._requests.empty()
+            is_last = canvases.is_empty and self._requests.empty()
             if is_last:
-                studio.free()
+                canvases.free()
                 self._thread = None
-        farewell.answer.set_result(is_last)
+        release.answer.set_result(is_last)
         return is_last
 
 
@@ -135,7 +135,7 @@ class ViewRenderer:
         self._task_name = task_name
         self._owner = object()
         # Whoever forgets to close leaves nothing behind. At the end of the process the system frees everything.
-        weakref.finalize(self, _WORKER.forget_later, self._owner).atexit = False
+        weakref.finalize(self, _WORKER.release_without_waiting, self._owner).atexit = False
 
     def draw(self, qpos: Positions, view: View, end_effector: NDArray[np.float32]) -> Image:
         """The image ``(height, width, 3)`` of a view: plain, without smooth edges and shadows, and quickly drawn.
@@ -147,6 +147,7 @@ class ViewRenderer:
 
         Raises:
             ConfigError: If there is no such task, or the robot's mesh is asked for and not installed.
+            InvalidEpisode: If a gaze crop is to be placed by a position that is not finite.
             RenderingUnavailable: If no OpenGL platform can draw.
         """
         frustum = Frustum.of_view(view, end_effector)
@@ -184,7 +185,7 @@ class ViewRenderer:
 
     def close(self) -> None:
         """Free what was made; a later image makes it again."""
-        _WORKER.forget(self._owner)
+        _WORKER.release(self._owner)
 
 
 class _Process:
@@ -202,7 +203,7 @@ class _Process:
         cls._drawing = os.getpid()
 
 
-class _Studio:
+class _Canvases:
     """The OpenGL context of the thread that makes it, and a canvas a scene and look, whoever it is drawn for."""
 
     def __init__(self) -> None:
@@ -222,7 +223,7 @@ class _Studio:
         self._owners.setdefault(key, set()).add(drawing.owner)
         return self._canvases[key].draw(drawing)
 
-    def forget(self, owner: object) -> None:
+    def release(self, owner: object) -> None:
         for key, owners in list(self._owners.items()):
             owners.discard(owner)
             if not owners:

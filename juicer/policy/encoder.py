@@ -132,9 +132,19 @@ class Encoders(nn.Module):
         E.g. ``state``, ``images``, or ``images, poses in training``.
         """
         images, poses = self.sees_images, PART_POSES in {spec.name for spec in self.observations}
-        taught = PART_POSES in {spec.name for spec in self.lessons} and not poses
-        told = {"images": images, "state": poses, "proprioception": not (images or poses), "poses in training": taught}
+        told = {
+            "images": images,
+            "state": poses,
+            "proprioception": not (images or poses),
+            "poses in training": self.learns_from_unseen_poses,
+        }
         return ", ".join(what for what, is_so in told.items() if is_so)
+
+    @property
+    def learns_from_unseen_poses(self) -> bool:
+        """Whether true poses are shown in training, and validation, that are not when the policy acts."""
+        lessons, observations = ({spec.name for spec in specs} for specs in (self.lessons, self.observations))
+        return PART_POSES in lessons - observations
 
     def take_estimators(self, folders: Sequence[Path]) -> None:
         """See :class:`ObservationEncoder`."""

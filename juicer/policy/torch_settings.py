@@ -10,6 +10,7 @@ import torch
 
 from juicer.errors import ConfigError
 
+Precision = Literal["fp32", "bf16", "auto"]
 MatmulPrecision = Literal["highest", "high", "medium"]
 
 
@@ -45,6 +46,13 @@ def usable_device(name: str) -> torch.device:
             "and install a build of torch for it"
         ) from None
     return torch.device(name)
+
+
+def chosen_precision(precision: Precision, device: torch.device) -> Literal["fp32", "bf16"]:
+    """The arithmetic of a network; the processor chooses it if the setting leaves it open."""
+    if precision == "auto":
+        return "bf16" if device.type != "cpu" or has_fast_bfloat16() else "fp32"
+    return precision
 
 
 def has_fast_bfloat16() -> bool:

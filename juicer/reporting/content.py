@@ -69,7 +69,7 @@ class EstimatorErrors:
     """How far an estimator is off where precision decides.
 
     Attributes:
-        label: Which estimator, e.g. ``one_leg``.
+        label: Which estimator, e.g. ``one_leg: front, gaze, wrist (4f3a09)``: task, views, id.
         by_critical_state: Mean errors by name of the critical state: millimetres and degrees.
     """
 

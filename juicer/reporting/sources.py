@@ -142,7 +142,8 @@ class Sources:
         for manifest in self._of_stage("estimate"):
             error_mm, error_deg = manifest.summary["error_mm"], manifest.summary["error_deg"]
             errors = {name: (float(error_mm[name]), float(error_deg[name])) for name in error_mm}
-            yield EstimatorErrors(self._task_of(manifest), errors)
+            views = ", ".join(manifest.recipe.config["encoder"]["estimator"]["views"])
+            yield EstimatorErrors(f"{self._task_of(manifest)}: {views} ({manifest.ref.id[:6]})", errors)
 
     def datasets(self) -> Iterator[DatasetSize]:
         """What the evaluated models of every condition were trained on, as far as their checkpoints are known."""

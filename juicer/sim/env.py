@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import copy
 import importlib
-import logging
 from functools import lru_cache
 from typing import Any, Protocol, Self
 
@@ -47,10 +46,6 @@ _RENDERER, _GL = "juicer.imaging.renderer", "juicer.imaging.gl"
 """Loaded by name when an image is asked for: what draws shapes no result, so no result's identity follows it."""
 
 Observation = dict[str, NDArray[np.float32]]
-
-logger = logging.getLogger(__name__)
-# MuJoCo would print its warnings and write MUJOCO_LOG.TXT into the working directory.
-mujoco.set_mju_user_warning(logger.debug)
 
 
 class Renderer(Protocol):

@@ -6,12 +6,17 @@ elliptic cones with an impedance ratio above one inject energy into parts at res
 
 from __future__ import annotations
 
+import logging
+
 import mujoco
 
 from juicer.sim.contacts import FIXTURE, TABLE
 from juicer.sim.panda import add_panda
 from juicer.sim.parts import add_part
 from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask, PartSpec
+
+# MuJoCo would print its warnings and write MUJOCO_LOG.TXT into the working directory, in every process.
+mujoco.set_mju_user_warning(logging.getLogger(__name__).debug)
 
 TIMESTEP_S = 0.002
 FLOOR_HEIGHT_M = -0.43

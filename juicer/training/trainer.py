@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from juicer.errors import ConfigError, TrainingFailed
+from juicer.errors import ConfigError
 from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetadata
 from juicer.policy.config import HorizonConfig, PolicyConfig
 from juicer.policy.network import PolicyNetwork, build_policy
@@ -26,7 +25,8 @@ from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progres
 from juicer.seeding import stream
 from juicer.training.config import OriginalStateNoise, TrainingConfig
 from juicer.training.feed import Feed
-from juicer.training.learner import Learner, learning_rate, torch_seed
+from juicer.training.learner import Learner, torch_seed
+from juicer.training.optimisation import require_number
 from juicer.training.ranks import Ranks, current_ranks
 from juicer.training.source import Batch, BatchOrder, WindowSource
 from juicer.training.state import TrainingState, load_state, save_state, training_identity
@@ -120,15 +120,23 @@ def train(
         facts = loop.run(training_identity(episodes, _settings(policy, tasks, config, seed)), scratch, progress)
     return TrainedCheckpoint(
         checkpoint=_checkpoint(loop.learner, config.steps),
-        facts={"device": torch_device.type, "precision": loop.learner.precision, **_origins(pretrained), **facts},
+        facts={"device": torch_device.type, **_known_before(loop.learner, pretrained), **facts},
         use=use,
         losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
     )
 
 
-def _origins(pretrained: Sequence[Weights]) -> dict[str, str]:
-    """Which weights a policy started from, and what may be done with them."""
-    return {"pretrained": ", ".join(f"{each.file} ({each.licence})" for each in pretrained)} if pretrained else {}
+def _known_before(learner: Learner, pretrained: Sequence[Weights]) -> dict[str, str]:
+    """Its arithmetic, where its weights came from and what may be done with them, and what it is validated on.
+
+    A policy that acts on images and is validated on poses says so: others that see images cannot be compared with it.
+    """
+    facts: dict[str, str] = {"precision": learner.precision}
+    if pretrained:
+        facts["pretrained"] = ", ".join(f"{each.file} ({each.licence})" for each in pretrained)
+    if learner.network.encoders.learns_from_unseen_poses:
+        facts["validated_on"] = "true poses"
+    return facts
 
 
 def _checkpoint(learner: Learner, step: int) -> Checkpoint:
@@ -269,12 +277,9 @@ class _Loop:
         num_summed = done % self._config.report_every or self._config.report_every
         loss = float(self._loss_sum) / num_summed
         self._loss_sum.zero_()
-        if not math.isfinite(loss):
-            raise TrainingFailed(
-                f"the loss is no longer a number by step {done}; lower training.learning_rate "
-                f"(now {self._config.learning_rate}) or look for outliers in the episodes"
-            )
-        rate = learning_rate(done - 1, self._config)
+        now = self._config.learning_rate
+        require_number(loss, done, f"lower training.learning_rate (now {now}) or look for outliers in the episodes")
+        rate = self.learner.schedule.rate(done - 1)
         self._record({"train/loss": loss, "train/learning_rate": rate}, done)
 
     def _validate(self, done: int) -> None:

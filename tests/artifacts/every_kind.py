@@ -100,7 +100,7 @@ def write_index(folder: Path, scratch: Path, episode: Episode) -> None:
 
 
 def write_estimator(folder: Path, scratch: Path, episode: Episode) -> None:
-    save_estimator(folder, build_estimator(ESTIMATED, TASKS["toy"], 0), "toy")
+    save_estimator(folder, build_estimator(ESTIMATED, "toy", TASKS["toy"], 0))
 
 
 def write_checkpoint(folder: Path, scratch: Path, episode: Episode) -> None:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
+from juicer.errors import TrainingFailed
+from juicer.estimation.drawn import DrawnStates
 from juicer.estimation.learning import learn, measure
-from juicer.estimation.lessons import Lessons
 from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 from juicer.policy.config import FeatureSpec, PairSpec
 from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
@@ -34,8 +35,8 @@ def configuration(**changes):
     return EstimatedConfig(estimator=EstimatorConfig(backbone=backbone, **{**small, **changes}))
 
 
-def lessons(number=64, seed=0):
-    """Scenes whose images tell where the second part is by their brightness."""
+def drawn_states(number=64, seed=0):
+    """States whose images tell where the second part is by their brightness."""
     rng = np.random.default_rng(seed)
     brightness = rng.integers(0, 256, number)
     images = np.broadcast_to(brightness[:, None, None, None], (number, 16, 16, 3)).astype(np.uint8)
@@ -44,23 +45,48 @@ def lessons(number=64, seed=0):
     poses = np.tile(np.array([0, 0, 0, 1, 0, 0, 0], np.float32), (number, 2))
     poses[:, 7] = brightness / 255 * 0.1
     observations = {"proprioception": proprioception, "part_poses": poses}
-    return Lessons({VIEW.name: images}, observations, rng.integers(-1, 2, number))
+    return DrawnStates({VIEW.name: images}, observations, rng.integers(-1, 2, number))
 
 
 def learned(config, scratch=None, **changes):
     return learn(
-        build_estimator(config, spec(), seed=0),
-        lessons(), lessons(32, seed=1), CRITICAL_STATES, seed=0, identity="x", scratch=scratch, **changes,
+        build_estimator(config, "toy", spec(), seed=0),
+        drawn_states(), drawn_states(32, seed=1), CRITICAL_STATES, seed=0, identity="x", scratch=scratch, **changes,
     )  # fmt: skip
 
 
 def test_it_learns_where_a_part_is():
     config = configuration(steps=400)
-    before = measure(build_estimator(config, spec(), seed=0), lessons(32, seed=1), CRITICAL_STATES)
+    before = measure(build_estimator(config, "toy", spec(), seed=0), drawn_states(32, seed=1), CRITICAL_STATES)
     errors = learned(config).errors
     assert errors.loss < 0.2 * before.loss
     assert errors.error_mm["insert leg"] < 10
     assert set(errors.error_mm) == set(errors.error_deg) == {"grasp leg", "insert leg"}
+
+
+@pytest.mark.parametrize(("precision", "used"), [("fp32", torch.float32), ("bf16", torch.bfloat16)])
+def test_it_learns_in_the_precision_that_is_set(precision, used):
+    estimator = build_estimator(configuration(steps=1, precision=precision), "toy", spec(), seed=0)
+    seen = []
+    estimator.choice.register_forward_hook(lambda module, shown, answer: seen.append(answer.dtype))
+    facts = learn(estimator, drawn_states(), drawn_states(32), CRITICAL_STATES, seed=0, identity="x").facts
+    assert facts == {"device": "cpu", "precision": precision}
+    assert seen[0] is used
+
+
+def test_measuring_looks_at_every_image_once():
+    estimator = build_estimator(configuration(), "toy", spec(), seed=0)
+    looked_at = []
+    estimator.backbones[0].register_forward_hook(lambda module, shown, answer: looked_at.append(len(answer)))
+    measure(estimator, drawn_states(32), CRITICAL_STATES)
+    assert looked_at == [32]
+
+
+def test_a_loss_that_is_no_number_is_told_with_its_remedy():
+    estimator = build_estimator(configuration(), "toy", spec(), seed=0)
+    torch.nn.init.constant_(estimator.choice.weight, float("nan"))
+    with pytest.raises(TrainingFailed, match=r"no longer a number by step 40; lower learning_rate of the estimator"):
+        learn(estimator, drawn_states(), drawn_states(32), CRITICAL_STATES, seed=0, identity="x")
 
 
 def test_a_true_estimate_has_no_error():
@@ -68,15 +94,15 @@ def test_a_true_estimate_has_no_error():
         def __init__(self, estimator, shown):
             super().__init__()
             self.config, self.normalizer, self.spec = estimator.config, estimator.normalizer, estimator.spec
-            self.compute_loss = estimator.compute_loss
+            self.see, self.compute_loss = estimator.see, estimator.compute_loss
             observations = {name: torch.from_numpy(values) for name, values in shown.observations.items()}
-            self.features = state_features(observations, spec(), estimator.config.features)
+            self.true = state_features(observations, spec(), estimator.config.features)
 
-        def forward(self, observations):
-            return self.features
+        def features(self, seen, proprioception):
+            return self.true
 
-    shown = lessons(32)
-    errors = measure(Knowing(build_estimator(configuration(), spec(), seed=0), shown), shown, CRITICAL_STATES)
+    shown = drawn_states(32)
+    errors = measure(Knowing(build_estimator(configuration(), "toy", spec(), seed=0), shown), shown, CRITICAL_STATES)
     assert set(errors.error_mm.values()) == {0}
 
 
@@ -108,8 +134,8 @@ def test_threads_share_a_batch_and_change_nothing_but_last_digits():
 
 
 def test_of_several_pairs_one_is_chosen_and_never_a_blend():
-    estimator = build_estimator(configuration(), spec(num_pairs=3), seed=0)
-    shown = lessons(8)
+    estimator = build_estimator(configuration(), "toy", spec(num_pairs=3), seed=0)
+    shown = drawn_states(8)
     estimates = estimator(
         {
             "proprioception": torch.from_numpy(shown.observations["proprioception"]),
@@ -127,26 +153,26 @@ def test_the_features_of_every_task_are_estimated_in_their_places(task):
     observations = [env.reset(seed=seed)[0] for seed in range(4)]
     shown = {name: torch.from_numpy(np.stack([each[name] for each in observations])) for name in observations[0]}
     config = configuration()
-    estimator = build_estimator(config, feature_spec(task), seed=0)
+    estimator = build_estimator(config, task, feature_spec(task), seed=0)
     features = state_features(shown, estimator.spec, config.features)
     estimator.normalizer.fit(features)
     images = torch.zeros(4, VIEW.height, VIEW.width, 3, dtype=torch.uint8)
     estimates = estimator({"proprioception": shown["proprioception"], VIEW.name: images})
     assert estimates.shape == features.shape
     torch.testing.assert_close(estimates[:, :16], features[:, :16])
-    assert estimator.compute_loss([images], features).isfinite()
+    assert estimator.compute_loss(estimator.see([images], features[:, :16]), features).isfinite()
 
 
 def test_it_learns_which_pair_is_next():
     choices = torch.arange(12).remainder(3)
     which = torch.nn.functional.one_hot(choices, 3)[:, 1:].float()
-    estimator = build_estimator(configuration(), spec(num_pairs=3), seed=0)
+    estimator = build_estimator(configuration(), "toy", spec(num_pairs=3), seed=0)
     features = torch.cat([torch.zeros(12, estimator.normalizer.offset.shape[0] - 2), which], dim=-1)
     images = (120 * choices[:, None, None, None]).expand(12, 16, 16, 3).to(torch.uint8)
     optimizer = torch.optim.AdamW(estimator.parameters(), lr=1e-2)
     for _ in range(60):
         optimizer.zero_grad()
-        estimator.compute_loss([images], features).backward()
+        estimator.compute_loss(estimator.see([images], features[:, :16]), features).backward()
         optimizer.step()
     estimates = estimator({"proprioception": features[:, :16], VIEW.name: images})
     torch.testing.assert_close(estimates[:, -2:], which)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from juicer.errors import ConfigError
+from juicer.errors import ConfigError, InvalidEpisode
 from juicer.imaging.cameras import Frustum
 from juicer.observer import Observer, image
 from juicer.sim.env import AssemblyEnv
@@ -161,11 +161,18 @@ def test_a_gaze_crop_keeps_its_shape_and_stays_within_what_the_camera_sees(rng: 
         width, height = rng.integers(1, 720, 2)
         crop = GazeCrop(reach_m=rng.uniform(0.01, 1))
         view = View(camera="front", crop=crop, width=int(width), height=int(height))
-        place = rng.choice([np.nan, np.inf, 1e30, *rng.normal(0, 1, 6)], 3).astype(np.float32)
+        place = rng.choice([1e30, *rng.normal(0, 1, 6)], 3).astype(np.float32)
         left, right, bottom, top = Frustum.of_view(view, place)
         assert (right - left) / (top - bottom) == pytest.approx(width / height)
         assert max(-left, right) <= room[0] * (1 + 1e-9)
         assert max(-bottom, top) <= room[1] * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("lost", [np.nan, np.inf])
+def test_a_gaze_crop_is_not_placed_by_what_is_no_number(lost):
+    view = View(camera="front", crop=GazeCrop())
+    with pytest.raises(InvalidEpisode, match="end effector's position is no finite number"):
+        Frustum.of_view(view, np.array([0.5, lost, 0.1], np.float32))
 
 
 def test_the_wrist_sees_sixteen_by_nine_squeezed_into_its_size():

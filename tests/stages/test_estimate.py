@@ -6,17 +6,21 @@ import re
 
 import pytest
 
+from benchmarks import image_control
 from juicer.annotation.propose import AnnotationConfig
+from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
 from juicer.demonstration.ingestion import IngestionConfig
 from juicer.demonstration.log import write_log
-from juicer.errors import ConfigError
+from juicer.errors import ConfigError, NothingLeft
 from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 from juicer.policy.checkpoint import load_policy
 from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
 from juicer.policy.encoders.estimated.files import load_estimator
 from juicer.reporting.comparison import ReportRow
 from juicer.reporting.views import views_of
+from juicer.sim.sections import joint_positions
+from juicer.storage.episodes import write_episodes
 from juicer.training.config import TrainingConfig
 from juicer.training.mixing import DatasetConfig
 from juicer.views import View
@@ -83,6 +87,8 @@ def test_it_tells_its_error_at_every_critical_state(session, estimator):
     assert facts["error_mm"]["insert leg"] > 0
     assert facts["error_deg"]["insert leg"] > 0
     assert facts["validation/loss"] > 0
+    assert facts["device"] == "cpu"
+    assert facts["precision"] in ("fp32", "bf16")
     assert re.fullmatch(r"70 states; off by [0-9.]+ mm at insert leg", facts["headline"])
 
 
@@ -94,6 +100,7 @@ def test_a_policy_learns_from_poses_and_acts_on_images(session, estimator, learn
     checkpoint = train(session, dataset=learned_from, estimators=(estimator,), config=TRAIN)
     facts = session.store.manifest(checkpoint).summary
     assert facts["observes"] == "images, poses in training"
+    assert facts["validated_on"] == "true poses"
     assert facts["drawn_by"] == session.store.manifest(estimator).summary["drawn_by"]
     policy = load_policy(session.store.open(checkpoint, "checkpoint"), "one_leg")
     assert "part_poses" not in [spec.name for spec in policy.observations]
@@ -106,6 +113,52 @@ def test_a_policy_learns_from_poses_and_acts_on_images(session, estimator, learn
     text = (session.store.open(page, "report") / "report.html").read_text()
     assert "Below: what the policy saw." in text
     assert "What is read off images" in text
+    assert f"one_leg: front, wrist ({estimator.id[:6]})" in text
+    assert "validated on them, too, and not on images" in " ".join(text.split())
+
+
+def test_an_estimator_is_not_learned_from_nothing(session, demonstrations):
+    annotations = annotate(session, episodes=demonstrations, config=AnnotationConfig())
+    with session.store.create(Recipe("by hand", "episodes")) as draft:
+        write_episodes(draft.path, (), {}, may_be_empty=True)
+    with pytest.raises(NothingLeft, match="an estimator needs two demonstrations"):
+        estimate(session, episodes=draft.ref, annotations=annotations, config=EstimateConfig(encoder=ENCODER))
+
+
+def noted_steps(monkeypatch):
+    """The steps of the other episode of which images are drawn in the view of the wrist, as they are drawn."""
+    steps = []
+
+    class Noting(image_control.ViewRenderer):
+        known = ()
+
+        def draw(self, positions, view, end_effector):
+            if view.camera == "wrist":
+                steps.append(self.known.index(positions.tobytes()))
+            return super().draw(positions, view, end_effector)
+
+    def noted(task, states):
+        found = joint_positions(task, states)
+        Noting.known = [each.tobytes() for each in found]
+        return found
+
+    monkeypatch.setattr(image_control, "ViewRenderer", Noting)
+    monkeypatch.setattr(image_control, "joint_positions", noted)
+    return steps
+
+
+def test_the_control_shows_every_episode_the_images_of_another_from_its_first_step_on(
+    session, estimator, learned_from, demonstrations, monkeypatch, capsys
+):
+    checkpoint = train(session, dataset=learned_from, estimators=(estimator,), config=TRAIN)
+    few = ("--episodes", "6", "--envs", "1", "--max-steps", "8", "--data", session.store.url)
+    monkeypatch.setattr("sys.argv", ["image_control", checkpoint.id, demonstrations.id, *few])
+    steps = noted_steps(monkeypatch)
+    image_control.main()
+    own, other = capsys.readouterr().out.splitlines()
+    assert own.startswith("its own images     0 of 6")
+    assert other.startswith("another episode's  0 of 6")
+    assert steps == 6 * [0, 4]
 
 
 def test_a_policy_that_estimates_is_not_trained_without_an_estimator(session, learned_from):

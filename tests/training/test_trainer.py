@@ -20,7 +20,6 @@ from juicer.policy.heads.flow.config import FlowConfig
 from juicer.policy.heads.mlp.config import MLPHeadConfig
 from juicer.policy.tasks import as_shown
 from juicer.training.config import OriginalStateNoise, PhysicalStateNoise
-from juicer.training.learner import learning_rate
 from juicer.training.state import STATE_FILE
 from juicer.training.trainer import train
 
@@ -197,7 +196,7 @@ def test_every_head_resumes_bit_for_bit(episodes, tasks, training_config, tmp_pa
 def test_what_the_processor_chose_is_told(
     episodes, tasks, policy_config, training_config, monkeypatch, has_bfloat16, precision
 ):
-    monkeypatch.setattr("juicer.training.learner.has_fast_bfloat16", lambda: has_bfloat16)
+    monkeypatch.setattr("juicer.policy.torch_settings.has_fast_bfloat16", lambda: has_bfloat16)
     config = training_config.model_copy(update={"precision": "auto", "steps": 6})
     trained = train([episodes()], policy_config, tasks, config, seed=0)
     assert (trained.facts["device"], trained.facts["precision"]) == ("cpu", precision)
@@ -217,14 +216,6 @@ def test_short_snippets_count_beside_demonstrations(episodes, tasks, policy_conf
     alone = train([episodes()], policy_config, tasks, config, seed=0)
     mixed = train([episodes(), snippets], policy_config, tasks, config, seed=0)
     assert mixed.facts["num_windows"] == alone.facts["num_windows"] + 5 + 6
-
-
-def test_the_learning_rate_rises_linearly_and_falls_to_zero_like_a_cosine(training_config):
-    config = training_config.model_copy(update={"steps": 105, "warmup_steps": 5, "learning_rate": 1.0})
-    assert learning_rate(0, config) == pytest.approx(0.2)
-    assert learning_rate(4, config) == pytest.approx(1.0)
-    assert learning_rate(55, config) == pytest.approx(0.5)
-    assert learning_rate(104, config) < 1e-3
 
 
 def test_the_original_noise_is_refused_with_relative_actions(episodes, tasks, policy_config, training_config):

@@ -35,7 +35,7 @@ def kept(folder, *estimators):
     folders = [folder / str(number) for number in range(len(estimators))]
     for each, estimator in zip(folders, estimators, strict=True):
         each.mkdir()
-        save_estimator(each, estimator, "toy")
+        save_estimator(each, estimator)
     return folders
 
 
@@ -43,7 +43,7 @@ def kept(folder, *estimators):
 def estimator(spec, lessons):
     from juicer.policy.encoders.features.features import state_features
 
-    estimator = build_estimator(CONFIG, spec, seed=1)
+    estimator = build_estimator(CONFIG, "toy", spec, seed=1)
     estimator.normalizer.fit(state_features(lessons, spec, CONFIG.features))
     return estimator
 
@@ -97,7 +97,7 @@ def test_a_policy_of_several_tasks_has_an_estimator_for_each(tmp_path, spec, les
     tasks = {"toy": spec, "other": spec.model_copy(update={"mounted_m": 0.01})}
     encoders = Encoders(POLICY, tasks)
     encoders.take_estimators(
-        kept(tmp_path, *(build_estimator(CONFIG, spec, seed) for seed, spec in enumerate(tasks.values())))
+        kept(tmp_path, *(build_estimator(CONFIG, *each, seed) for seed, each in enumerate(tasks.items())))
     )
     encoders.fit({**lessons, "task": torch.arange(6).remainder(2).reshape(6, 1, 1).float()})
     first, second = (
@@ -111,7 +111,21 @@ def test_without_an_estimator_it_says_how_to_make_one(tmp_path, tasks, spec):
     encoders = Encoders(POLICY, tasks)
     larger = CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update={"width": 32})})
     with pytest.raises(ConfigError, match=r"poses of toy from images, and no estimator .* stage 'estimate'"):
-        encoders.take_estimators(kept(tmp_path, build_estimator(larger, spec, seed=0)))
+        encoders.take_estimators(kept(tmp_path, build_estimator(larger, "toy", spec, seed=0)))
+
+
+def test_an_estimator_of_another_task_is_not_taken_though_its_numbers_are_the_same(tmp_path, tasks, spec):
+    encoders = Encoders(POLICY, tasks)
+    with pytest.raises(ConfigError, match="poses of toy from images, and no estimator"):
+        encoders.take_estimators(kept(tmp_path, build_estimator(CONFIG, "other", spec, seed=0)))
+
+
+def test_of_two_estimators_that_fit_none_is_taken(tmp_path, tasks, spec):
+    encoders = Encoders(POLICY, tasks)
+    folders = kept(tmp_path, *(build_estimator(CONFIG, "toy", spec, seed) for seed in range(2)))
+    with pytest.raises(ConfigError, match=r"2 estimators of this configuration were given for toy, .* give one"):
+        encoders.take_estimators(folders)
+    encoders.take_estimators([folders[0], folders[0]])
 
 
 def test_a_checkpoint_acts_without_anything_beside_it(tmp_path, tasks, lessons, estimator):
@@ -127,7 +141,7 @@ def test_a_checkpoint_acts_without_anything_beside_it(tmp_path, tasks, lessons, 
 
 
 def test_an_estimator_is_kept_in_files(tmp_path, estimator, lessons):
-    save_estimator(tmp_path, estimator.to(memory_format=torch.channels_last), "toy")
+    save_estimator(tmp_path, estimator.to(memory_format=torch.channels_last))
     loaded = load_estimator(tmp_path)
     assert loaded.is_like(estimator)
     shown = {"proprioception": lessons["proprioception"], **images()}
@@ -144,7 +158,7 @@ def test_an_estimator_is_kept_in_files(tmp_path, estimator, lessons):
     ],
 )
 def test_a_file_that_means_something_else_is_refused(tmp_path, estimator, damage, sentence):
-    save_estimator(tmp_path, estimator, "toy")
+    save_estimator(tmp_path, estimator)
     path = tmp_path / ESTIMATOR_FILE
     path.write_text(json.dumps({**json.loads(path.read_text()), **damage}))
     with pytest.raises(InvalidCheckpoint, match=sentence):
@@ -152,11 +166,11 @@ def test_a_file_that_means_something_else_is_refused(tmp_path, estimator, damage
 
 
 def test_weights_of_another_network_are_refused(tmp_path, estimator, spec):
-    save_estimator(tmp_path, estimator, "toy")
+    save_estimator(tmp_path, estimator)
     larger = CONFIG.model_copy(update={"estimator": CONFIG.estimator.model_copy(update={"width": 32})})
     other = tmp_path / "other"
     other.mkdir()
-    save_estimator(other, build_estimator(larger, spec, seed=0), "toy")
+    save_estimator(other, build_estimator(larger, "toy", spec, seed=0))
     (other / WEIGHTS_FILE).replace(tmp_path / WEIGHTS_FILE)
     with pytest.raises(InvalidCheckpoint, match="does not fit its own configuration"):
         load_estimator(tmp_path)

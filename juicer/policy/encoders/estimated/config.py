@@ -41,6 +41,9 @@ class EstimatorConfig(StrictConfig):
     steps: int = Field(default=6000, gt=0, le=100_000_000)
     batch_size: int = Field(default=64, gt=0, le=65_536)
     learning_rate: float = Field(default=2e-3, gt=0, le=10)
+    precision: Literal["fp32", "bf16", "auto"] = Field(
+        default="auto", description="arithmetic in which it learns; 'auto' is bf16 where the processor has it"
+    )
     threads: int = Field(default=2, gt=0, le=1024, description="each of which takes a part of a batch")
     validation_fraction: float = Field(default=0.1, gt=0, lt=1, description="share of the demonstrations held out")
 

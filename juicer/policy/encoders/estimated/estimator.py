@@ -35,13 +35,14 @@ class Estimator(nn.Module):
 
     Attributes:
         config: What it sees and is made of.
+        task: Name of the assembly task whose parts it finds.
         spec: The task's numbers.
         normalizer: Limits of the features that it has learned from.
     """
 
-    def __init__(self, config: EstimatedConfig, spec: FeatureSpec) -> None:
+    def __init__(self, config: EstimatedConfig, task: str, spec: FeatureSpec) -> None:
         super().__init__()
-        self.config, self.spec = config, spec
+        self.config, self.task, self.spec = config, task, spec
         estimator, size = config.estimator, num_features(spec, config.features)
         self.normalizer = Normalizer((size,))
         self.num_choices = num_choices(spec, config.features)
@@ -61,8 +62,8 @@ class Estimator(nn.Module):
         self._shown = slice(PROPRIOCEPTION_SIZE, size - self.num_choices + 1)
 
     def is_like(self, other: Estimator) -> bool:
-        """Whether another one estimates the same from the same."""
-        return (self.config, self.spec) == (other.config, other.spec)
+        """Whether another one estimates the same of the same task from the same."""
+        return (self.config, self.task, self.spec) == (other.config, other.task, other.spec)
 
     def forward(self, observations: Mapping[str, Tensor]) -> Tensor:
         """Features ``(..., F)`` of proprioception ``(..., 16)`` and the views' images ``(..., h, w, 3)`` of uint8."""
@@ -73,22 +74,10 @@ class Estimator(nn.Module):
             for view in self.config.estimator.views.values()
         ]
         rows = proprioception.reshape(-1, PROPRIOCEPTION_SIZE)
-        seen = self._see(images, rows)
-        chosen = functional.one_hot(self.choice(seen).argmax(dim=-1), self.num_choices)
-        predicted = self.head(torch.cat([seen, chosen], dim=-1)).float()
-        features = predicted * self.normalizer.scale[self._shown] + self.normalizer.offset[self._shown]
-        return torch.cat([rows, features, chosen[:, 1:]], dim=-1).reshape(*leading, -1)
+        return self.features(self.see(images, rows), rows).reshape(*leading, -1)
 
-    def compute_loss(self, images: list[Tensor], features: Tensor) -> Tensor:
-        """Loss, a scalar, of images ``(B, h, w, 3)`` a view and the true features ``(B, F)``."""
-        true = self.normalizer.normalize(features)[:, self._shown]
-        chosen = _choice_of(features[:, self._shown.stop :])
-        seen = self._see(images, features[:, :PROPRIOCEPTION_SIZE])
-        predicted = self.head(torch.cat([seen, functional.one_hot(chosen, self.num_choices)], dim=-1))
-        loss = functional.smooth_l1_loss(predicted.float(), true, beta=BETA)
-        return loss + CHOICE_WEIGHT * functional.cross_entropy(self.choice(seen).float(), chosen)
-
-    def _see(self, images: list[Tensor], proprioception: Tensor) -> Tensor:
+    def see(self, images: list[Tensor], proprioception: Tensor) -> Tensor:
+        """What is seen ``(B, width)`` in images ``(B, h, w, 3)`` a view, with the proprioception ``(B, 16)``."""
         offset, scale = self.normalizer.offset[:PROPRIOCEPTION_SIZE], self.normalizer.scale[:PROPRIOCEPTION_SIZE]
         read = ((proprioception - offset) / scale)[:, READ]
         found = [
@@ -98,12 +87,27 @@ class Estimator(nn.Module):
         together: Tensor = self.together(torch.cat([*found, read], dim=-1))
         return together
 
+    def features(self, seen: Tensor, proprioception: Tensor) -> Tensor:
+        """Features ``(B, F)`` of what is seen."""
+        chosen = functional.one_hot(self.choice(seen).argmax(dim=-1), self.num_choices)
+        predicted = self.head(torch.cat([seen, chosen], dim=-1)).float()
+        features = predicted * self.normalizer.scale[self._shown] + self.normalizer.offset[self._shown]
+        return torch.cat([proprioception, features, chosen[:, 1:]], dim=-1)
 
-def build_estimator(config: EstimatedConfig, spec: FeatureSpec, seed: int) -> Estimator:
+    def compute_loss(self, seen: Tensor, features: Tensor) -> Tensor:
+        """Loss, a scalar, of what is seen, by the true features ``(B, F)``."""
+        true = self.normalizer.normalize(features)[:, self._shown]
+        chosen = _choice_of(features[:, self._shown.stop :])
+        predicted = self.head(torch.cat([seen, functional.one_hot(chosen, self.num_choices)], dim=-1))
+        loss = functional.smooth_l1_loss(predicted.float(), true, beta=BETA)
+        return loss + CHOICE_WEIGHT * functional.cross_entropy(self.choice(seen).float(), chosen)
+
+
+def build_estimator(config: EstimatedConfig, task: str, spec: FeatureSpec, seed: int) -> Estimator:
     """Estimator whose initial weights depend only on the seed; torch's global random state is left as it was."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return Estimator(config, spec)
+        return Estimator(config, task, spec)
 
 
 def _choice_of(which: Tensor) -> Tensor:

@@ -34,13 +34,13 @@ class EstimatorMetadata(StrictConfig):
     spec: FeatureSpec
 
 
-def save_estimator(folder: Path, estimator: Estimator, task: str) -> None:
+def save_estimator(folder: Path, estimator: Estimator) -> None:
     """Write ``estimator.json`` and ``weights.safetensors``.
 
     Raises:
         OSError: If the system refuses a write.
     """
-    metadata = EstimatorMetadata(encoder=estimator.config, task=task, spec=estimator.spec)
+    metadata = EstimatorMetadata(encoder=estimator.config, task=estimator.task, spec=estimator.spec)
     (folder / ESTIMATOR_FILE).write_text(metadata.model_dump_json(indent=2) + "\n")
     # Where it has learned, its weights may lie in memory as is quickest there.
     weights = {name: value.cpu().contiguous() for name, value in estimator.state_dict().items()}
@@ -59,7 +59,7 @@ def load_estimator(folder: Path) -> Estimator:
     )
 
     def build() -> Estimator:
-        return Estimator(metadata.encoder, metadata.spec)
+        return Estimator(metadata.encoder, metadata.task, metadata.spec)
 
     weights = read_weights(folder / WEIGHTS_FILE, expected_weights(build, "an estimator"))
     with torch.random.fork_rng(devices=[]):

@@ -32,7 +32,7 @@ class EstimatedEncoder(ObservationEncoder):
         self.config = config
         self.tasks = tuple(tasks)
         self.features = FeatureEncoder(config.features, tasks, obs_horizon)
-        self.estimators = nn.ModuleList(Estimator(config, spec) for spec in tasks.values()).requires_grad_(False)
+        self.estimators = nn.ModuleList(Estimator(config, *each) for each in tasks.items()).requires_grad_(False)
         self.token_size = self.features.token_size
         images = (view.observed() for view in config.estimator.views.values())
         self.observations = (SIMULATOR["proprioception"], *images)
@@ -44,7 +44,7 @@ class EstimatedEncoder(ObservationEncoder):
 
     def take_estimators(self, folders: Sequence[Path]) -> None:
         """Take the estimator of every task; see :class:`juicer.policy.encoder.ObservationEncoder`."""
-        given = [load_estimator(folder) for folder in folders]
+        given = [load_estimator(folder) for folder in dict.fromkeys(folders)]
         for task, place in zip(self.tasks, self.estimators, strict=True):
             assert isinstance(place, Estimator)
             found = [each for each in given if each.is_like(place)]
@@ -53,7 +53,12 @@ class EstimatedEncoder(ObservationEncoder):
                     f"the policy estimates the poses of {task} from images, and no estimator of this configuration and "
                     "task was given; make one by the stage 'estimate', or run the whole loop"
                 )
-            place.load_state_dict(found[-1].state_dict())
+            if len(found) > 1:
+                raise ConfigError(
+                    f"{len(found)} estimators of this configuration were given for {task}, and only one can tell the "
+                    "policy where parts are; give one for each task"
+                )
+            place.load_state_dict(found[0].state_dict())
 
     def train(self, mode: bool = True) -> Self:
         """Estimators learn nothing more, and keep the statistics of a batch normalisation."""

@@ -1,4 +1,4 @@
-"""What an estimator learns from: images of scenes, and what is true of each."""
+"""What an estimator learns from: images of displaced states, and what is true of each."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
-class Lessons:
-    """Scenes.
+class DrawnStates:
+    """States, each drawn in every view.
 
     Attributes:
         images: By view's name, ``(N, h, w, 3)``.
@@ -26,5 +26,5 @@ class Lessons:
     drawn_by: str = ""
 
     def __len__(self) -> int:
-        """Number of scenes."""
+        """Number of states."""
         return len(self.critical_states)
