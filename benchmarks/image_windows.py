@@ -4,7 +4,7 @@
 
 Draws a scripted one_leg demonstration for the front and the wrist camera, repeats it to the number of steps, writes and
 unpacks it as a training does, and gathers batches at random; then takes a few training steps on such batches, with one
-small_cnn a view and with one ResNet18 a view.
+patch_cnn a view and with one ResNet18 a view.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from juicer.views import View
 
 ARTIFACT = "0123456789abcdef"
 BATCH = 64
-BACKBONES: Mapping[str, Mapping[str, Any]] = {"small_cnn": {"kind": "small_cnn"}, "ResNet18": {"kind": "resnet"}}
+BACKBONES: Mapping[str, Mapping[str, Any]] = {"patch_cnn": {"kind": "patch_cnn"}, "ResNet18": {"kind": "resnet"}}
 
 
 def main() -> None:

@@ -42,8 +42,8 @@ class Settings(BaseSettings):
         device: Torch device that policies are trained on and act on: ``cpu``, ``cuda``, or ``cuda:1`` for the second;
             of several, ``cuda:0,cuda:1``, each takes a training of its own.
         train_processes: Processes that train one policy together, each on one of these devices.
-        loaders: Processes that gather the batches of each of them ahead of time; if empty, four where a policy that
-            sees images trains on a GPU, and none elsewhere.
+        loaders: Processes that gather the batches of each of them ahead of time; if empty, four where a policy learns
+            from images on a GPU, and none elsewhere.
         weights: Folder in which files of pretrained weights are looked for; see `juicer doctor --encoders`.
         allowed_hosts: Names, besides this machine's own, by which browsers and clients may reach servers that juicer
             runs, such as ``prefect.example.org`` or ``127.0.0.1:14200``; separated by commas.

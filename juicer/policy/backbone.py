@@ -83,9 +83,14 @@ class BatchNorm(nn.BatchNorm2d):
     A few dozen images of one robot would replace the statistics of millions within some hundred steps.
     """
 
+    @staticmethod
+    def takes_statistics(images: int) -> bool:
+        """Whether a batch of so many images is large enough for statistics of its own."""
+        return images >= SMALLEST_BATCH
+
     def forward(self, input: Tensor) -> Tensor:
         """``(B, C, H, W)`` of the same shape."""
-        if not self.training or len(input) >= SMALLEST_BATCH:
+        if not self.training or self.takes_statistics(len(input)):
             return super().forward(input)
         return functional.batch_norm(
             input, self.running_mean, self.running_var, self.weight, self.bias, training=False, eps=self.eps

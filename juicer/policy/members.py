@@ -70,6 +70,11 @@ class BackboneConfig(MemberConfig):
         default=None, description="what it starts from: published weights by name, or a file; random if empty"
     )
 
+    @property
+    def is_wholly_pretrained(self) -> bool:
+        """Whether nothing in it starts with random weights."""
+        return self.weights is not None
+
     def described(self) -> str:
         """For people: its kind, and the settings that are not the usual ones."""
         settings = self.model_dump(exclude={"kind", "weights"}, exclude_defaults=True)

@@ -80,7 +80,7 @@ class Learner:
         self._optimizer = torch.optim.AdamW(
             self._parameters, lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
         )
-        self._loss = self._ranks.join(_Loss(network), device)
+        self._loss = self._ranks.join(_Loss(network), device, config.batch_size * network.config.horizons.obs)
         if config.compile:
             self._loss.compile()
 

@@ -16,6 +16,7 @@ from torch import Tensor
 from juicer.errors import ConfigError, TrainingFailed
 from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetadata
 from juicer.policy.config import HorizonConfig, PolicyConfig
+from juicer.policy.encoder import Encoders
 from juicer.policy.network import PolicyNetwork, build_policy
 from juicer.policy.pretrained.config import Weights
 from juicer.policy.pretrained.files import DEFAULT_FOLDER
@@ -95,7 +96,8 @@ def train(
         scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
             training continues from it, bit for bit on a CPU.
         device: Torch device; a fact about the machine, not part of what is trained.
-        loaders: Processes that gather batches ahead of time; if None, some for a GPU and a policy that sees images.
+        loaders: Processes that gather batches ahead of time; if None, some for a GPU and a policy that learns from
+            images.
         weights: Where files of pretrained weights are looked for first.
         progress: Called with the steps done, the loss and the seconds left.
         metrics: Called with loss, learning rate and validation.
@@ -196,7 +198,7 @@ def _set_up(
 ) -> _Loop:
     """Bring together what learns, what it learns from, and who gathers that."""
     ranks = current_ranks()
-    loaders = _default_loaders(network, device) if loaders is None else loaders
+    loaders = default_loaders(network.encoders, device) if loaders is None else loaders
     # Processes beside the training have no use of its GPU: windows, and what prepares them, are not on it then.
     home = torch.device("cpu") if loaders else device
     windows = window_sources(episodes, sides, network.to(home), config, seed, home)
@@ -287,9 +289,9 @@ class _Loop:
         self._facts |= metrics
 
 
-def _default_loaders(network: PolicyNetwork, device: torch.device) -> int:
+def default_loaders(encoders: Encoders, device: torch.device) -> int:
     """Numbers of a whole dataset lie on the GPU; images are gathered by others while it computes."""
-    return LOADERS if network.encoders.sees_images and device.type != "cpu" else 0
+    return LOADERS if encoders.lesson_images and device.type != "cpu" else 0
 
 
 def _check_noise(policy: PolicyConfig, config: TrainingConfig) -> None:

@@ -14,8 +14,8 @@ from safetensors.torch import save
 
 from juicer.errors import UnusableWeights
 from juicer.policy.backbone import build_backbone
+from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 from juicer.policy.backbones.resnet.config import ResNetConfig
-from juicer.policy.backbones.small_cnn.config import SmallCNNConfig
 from juicer.policy.backbones.vit.config import ViTConfig
 from juicer.policy.pretrained.loading import load_pretrained
 from tests.policy.backbones.fixed import fixed_weights
@@ -104,12 +104,20 @@ def test_a_file_of_mae_fills_a_vit_of_any_size(store, folder):
 
 
 def test_a_file_of_ones_own_may_be_safetensors_of_which_a_part_is_taken(store, folder):
-    config = SmallCNNConfig()
+    config = PatchCNNConfig()
     shapes = {name: value.shape for name, value in build_backbone(config, (32, 32)).state_dict().items()}
     state = fixed_weights(shapes)
     content = save({**{f"front.{name}": value for name, value in state.items()}, "head.bias": torch.zeros(3)})
     _, loaded = filled(config, store(content, "mine.safetensors", part="front."), folder, size=(32, 32))
     assert all(torch.equal(value, state[name]) for name, value in loaded.items())
+
+
+def test_a_spatial_softmax_takes_its_maps_from_a_file_that_has_them_and_else_keeps_its_own(store, folder):
+    config = ResNetConfig(pool="spatial_softmax")
+    learned = fixed_weights({"pool.maps.weight": torch.Size([32, 512, 1, 1]), "pool.maps.bias": torch.Size([32])})
+    for state, expected in ((torchvision_state(), None), ({**torchvision_state(), **learned}, learned)):
+        before, loaded = filled(config, store(state), folder)
+        assert all(torch.equal(loaded[name], (expected or before)[name]) for name in learned)
 
 
 @pytest.mark.parametrize(

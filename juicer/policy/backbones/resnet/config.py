@@ -40,6 +40,11 @@ class ResNetConfig(BackboneConfig):
     )
 
     @property
+    def is_wholly_pretrained(self) -> bool:
+        """See :class:`juicer.policy.members.BackboneConfig`; published files have no maps of a spatial softmax."""
+        return self.weights is not None and self.pool == "average"
+
+    @property
     def pooled(self) -> int:
         """Numbers behind the pooling."""
         return 2 * self.maps if self.pool == "spatial_softmax" else self.channels
