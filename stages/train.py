@@ -91,7 +91,7 @@ def train(
     curves.finish(context.draft.path)
     context.draft.summary |= {
         "tasks": list(tasks),
-        OBSERVES: encoders.account,
+        OBSERVES: trained.observes,
         "steps": config.training.steps,
         **_sizes(trained.use),
         **trained.facts,

@@ -126,15 +126,24 @@ class Encoders(nn.Module):
         return any(isinstance(spec, ImageSpec) for spec in self.observations)
 
     @property
+    def taught_with_poses(self) -> bool:
+        """Whether it is taught with true poses of parts that it does not see when the policy acts."""
+        return PART_POSES in {spec.name for spec in self.lessons} - {spec.name for spec in self.observations}
+
+    @property
     def account(self) -> str:
         """What the policy sees, and what it was taught with that it does not see: a result is never told without it.
 
         E.g. ``state``, ``images``, or ``images, poses in training``.
         """
         images, poses = self.sees_images, PART_POSES in {spec.name for spec in self.observations}
-        taught = PART_POSES in {spec.name for spec in self.lessons} and not poses
-        told = {"images": images, "state": poses, "proprioception": not (images or poses), "poses in training": taught}
-        return ", ".join(what for what, is_so in told.items() if is_so)
+        parts = {
+            "images": images,
+            "state": poses,
+            "proprioception": not (images or poses),
+            "poses in training": self.taught_with_poses,
+        }
+        return ", ".join(part for part, is_so in parts.items() if is_so)
 
     def take_estimators(self, folders: Sequence[Path]) -> None:
         """See :class:`ObservationEncoder`."""

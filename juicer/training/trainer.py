@@ -18,9 +18,8 @@ from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetad
 from juicer.policy.config import HorizonConfig, PolicyConfig
 from juicer.policy.encoder import Encoders
 from juicer.policy.network import PolicyNetwork, build_policy
-from juicer.policy.pretrained.config import Weights
 from juicer.policy.pretrained.files import DEFAULT_FOLDER
-from juicer.policy.pretrained.loading import load_pretrained
+from juicer.policy.pretrained.loading import Pretrained, load_pretrained
 from juicer.policy.tasks import Tasks
 from juicer.policy.torch_settings import compute_settings, usable_device
 from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progress
@@ -46,12 +45,14 @@ class TrainedCheckpoint:
 
     Attributes:
         checkpoint: Weights and configuration.
+        observes: What the policy sees, and what it was taught with that it does not see, before this training too.
         facts: Worth knowing: device and precision, size of network and data, last losses and validation.
         use: What its windows reach of the episodes of every source.
         losses: A sentence for every source of which a notable share went unused.
     """
 
     checkpoint: Checkpoint
+    observes: str
     facts: Mapping[str, float | str]
     use: Mapping[str, SourceUse]
     losses: tuple[str, ...]
@@ -116,24 +117,31 @@ def train(
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
         network = build_policy(policy, tasks, torch_seed(seed, "weights"))
-        network.encoders.take_estimators(estimators)
         pretrained = load_pretrained(network, weights)
+        # After what their own backbones started from.
+        network.encoders.take_estimators(estimators)
         loop = _set_up(episodes, sides, network, config, seed, torch_device, loaders, metrics or NullMetricSink())
         facts = loop.run(training_identity(episodes, _settings(policy, tasks, config, seed)), scratch, progress)
+    origins_taught = any(each.poses_taught for each in pretrained)
     return TrainedCheckpoint(
-        checkpoint=_checkpoint(loop.learner, config.steps),
+        checkpoint=_checkpoint(loop.learner, config.steps, origins_taught),
+        observes=network.encoders.account + (", started from pose supervision" if origins_taught else ""),
         facts={"device": torch_device.type, "precision": loop.learner.precision, **_origins(pretrained), **facts},
         use=use,
         losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
     )
 
 
-def _origins(pretrained: Sequence[Weights]) -> dict[str, str]:
+def _origins(pretrained: Sequence[Pretrained]) -> dict[str, str]:
     """Which weights a policy started from, and what may be done with them."""
-    return {"pretrained": ", ".join(f"{each.file} ({each.licence})" for each in pretrained)} if pretrained else {}
+    return (
+        {"pretrained": ", ".join(f"{each.weights.file} ({each.weights.licence})" for each in pretrained)}
+        if pretrained
+        else {}
+    )
 
 
-def _checkpoint(learner: Learner, step: int) -> Checkpoint:
+def _checkpoint(learner: Learner, step: int, origins_taught: bool) -> Checkpoint:
     network = learner.network
     metadata = CheckpointMetadata(
         schema_version=SCHEMA_VERSION,
@@ -142,7 +150,8 @@ def _checkpoint(learner: Learner, step: int) -> Checkpoint:
         acting_weights="raw" if learner.ema is None else "ema",
         step=step,
     )
-    return Checkpoint(metadata, _on_cpu(network), None if learner.ema is None else _on_cpu(learner.ema))
+    ema = None if learner.ema is None else _on_cpu(learner.ema)
+    return Checkpoint(metadata, _on_cpu(network), ema, origins_taught or network.encoders.taught_with_poses)
 
 
 def cut_sides(

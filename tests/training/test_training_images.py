@@ -18,6 +18,8 @@ from juicer.policy.checkpoint import load_policy, save_checkpoint
 from juicer.policy.config import HorizonConfig, PolicyConfig
 from juicer.policy.encoder import outline
 from juicer.policy.encoders.estimated.config import EstimatedConfig
+from juicer.policy.encoders.estimated.estimator import build_estimator
+from juicer.policy.encoders.estimated.files import load_estimator, save_estimator
 from juicer.policy.encoders.images.config import ImagesConfig
 from juicer.policy.encoders.proprioception.config import ProprioceptionConfig
 from juicer.policy.heads.mlp.config import MLPHeadConfig
@@ -173,3 +175,42 @@ def test_batches_are_gathered_ahead_of_a_gpu_only_if_images_are_learned_from(tas
     }
     assert loaders == {"images": LOADERS, "frozen": 0, "estimated": 0}
     assert default_loaders(outline(policy_of(), tasks), torch.device("cpu")) == 0
+
+
+def estimator_of(spec, folder, **backbone):
+    """An estimator's configuration, and the folder of one with random weights."""
+    settings = {"views": VIEWS, "backbone": {**SMALL.model_dump(), **backbone}, "width": 8}
+    config = EstimatedConfig.model_validate({"estimator": settings})
+    folder.mkdir()
+    save_estimator(folder, build_estimator(config, spec, seed=4), "toy")
+    return config
+
+
+def test_what_starts_from_an_estimator_says_so_and_so_does_what_starts_from_that(
+    seen, tasks, spec, training_config, tmp_path
+):
+    estimator_of(spec, tmp_path / "estimator")
+    place, part, learned = tmp_path / "estimator", "backbones.0.", []
+    for number in range(2):
+        (file,) = place.glob("weights.safetensors")
+        file.rename(tmp_path / f"{number}.safetensors")
+        digest = hashlib.sha256((tmp_path / f"{number}.safetensors").read_bytes()).hexdigest()
+        origin = Weights(file=f"{number}.safetensors", sha256=digest, licence="MIT", part=part)
+        policy = policy_of(backbone=SMALL.model_copy(update={"weights": origin}))
+        learned.append(train([seen], policy, tasks, training_config, seed=0, weights=tmp_path))
+        place, part = tmp_path / f"checkpoint{number}", "encoders.members.1.backbones.0."
+        save_checkpoint(place, learned[-1].checkpoint)
+    assert {each.observes for each in learned} == {"images, started from pose supervision"}
+    assert train([seen], policy_of(), tasks, training_config, seed=0).observes == "images"
+
+
+def test_a_policy_takes_its_estimator_as_it_has_learned_and_not_what_that_started_from(
+    episodes, tasks, spec, training_config, tmp_path
+):
+    origin = stored(build_backbone(SMALL, (16, 16)), tmp_path)
+    config = estimator_of(spec, tmp_path / "estimator", weights=origin.model_dump())
+    policy = PolicyConfig(observation={"state": config}, head=MLPHeadConfig(width=8, blocks=1))
+    folder = tmp_path / "estimator"
+    trained = train([episodes()], policy, tasks, training_config, seed=0, estimators=[folder], weights=tmp_path)
+    for name, value in load_estimator(folder).state_dict().items():
+        assert torch.equal(trained.checkpoint.weights[f"encoders.members.0.estimators.0.{name}"], value)

@@ -17,7 +17,7 @@ from juicer.policy.backbone import build_backbone
 from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 from juicer.policy.backbones.resnet.config import ResNetConfig
 from juicer.policy.backbones.vit.config import ViTConfig
-from juicer.policy.pretrained.loading import load_pretrained
+from juicer.policy.pretrained.loading import Pretrained, load_pretrained
 from tests.policy.backbones.fixed import fixed_weights
 
 
@@ -43,7 +43,7 @@ def torchvision_state(depth=18, classes=1000):
 def filled(config, weights, folder, size=(64, 64)):
     backbone = build_backbone(config.model_copy(update={"weights": weights}), size)
     before = {name: value.clone() for name, value in backbone.state_dict().items()}
-    assert load_pretrained(torch.nn.Sequential(backbone), folder) == (weights,)
+    assert load_pretrained(torch.nn.Sequential(backbone), folder) == (Pretrained(weights, False),)
     return before, backbone.state_dict()
 
 
@@ -186,7 +186,7 @@ def test_a_licence_that_allows_no_commercial_use_is_said_once(store, folder, cap
     weights = store(torchvision_state()).model_copy(update={"licence": "CC-BY-NC-4.0"})
     two = [build_backbone(ResNetConfig(weights=weights), (32, 32)) for _ in range(2)]
     with caplog.at_level(logging.WARNING):
-        assert load_pretrained(torch.nn.ModuleList(two), folder) == (weights,)
+        assert [each.weights for each in load_pretrained(torch.nn.ModuleList(two), folder)] == [weights]
     assert [record.getMessage() for record in caplog.records] == [
         "the weights 'mine.pth' may not be used commercially: CC-BY-NC-4.0"
     ]
