@@ -87,9 +87,10 @@ class BackboneConfig(MemberConfig):
             ValueError: With a sentence that says why.
         """
 
-    def rough_features(self) -> int:
-        """Numbers that it yields of an image, roughly."""
-        return TYPICAL_FEATURES
+    @property
+    def num_features(self) -> int:
+        """Length C of its features."""
+        raise NotImplementedError(f"{type(self).__name__} does not say how many features it yields")
 
     def rough_parameters(self) -> int:
         """Its weights to within a few per cent, or 0 if that is not known before it is built."""

@@ -134,11 +134,8 @@ def train(
 
 def _origins(pretrained: Sequence[Pretrained]) -> dict[str, str]:
     """Which weights a policy started from, and what may be done with them."""
-    return (
-        {"pretrained": ", ".join(f"{each.weights.file} ({each.weights.licence})" for each in pretrained)}
-        if pretrained
-        else {}
-    )
+    named = ", ".join(f"{weights.file} ({weights.licence})" for weights, _ in pretrained)
+    return {"pretrained": named} if named else {}
 
 
 def _checkpoint(learner: Learner, step: int, origins_taught: bool) -> Checkpoint:

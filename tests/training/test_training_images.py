@@ -209,7 +209,7 @@ def test_a_policy_takes_its_estimator_as_it_has_learned_and_not_what_that_starte
 ):
     origin = stored(build_backbone(SMALL, (16, 16)), tmp_path)
     config = estimator_of(spec, tmp_path / "estimator", weights=origin.model_dump())
-    policy = PolicyConfig(observation={"state": config}, head=MLPHeadConfig(width=8, blocks=1))
+    policy = policy_of().model_copy(update={"observation": {"state": config}})
     folder = tmp_path / "estimator"
     trained = train([episodes()], policy, tasks, training_config, seed=0, estimators=[folder], weights=tmp_path)
     for name, value in load_estimator(folder).state_dict().items():

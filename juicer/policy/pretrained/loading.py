@@ -109,7 +109,7 @@ def _poses_taught(file: str, content: bytes) -> bool:
     if not file.endswith(SAFETENSORS):
         return False
     header = json.loads(content[_LENGTH_BYTES : _LENGTH_BYTES + int.from_bytes(content[:_LENGTH_BYTES], "little")])
-    return POSES_TAUGHT.items() <= header.get("__metadata__", {}).items()
+    return POSES_TAUGHT.items() <= (header.get("__metadata__") or {}).items()
 
 
 def _without_prefixes(name: str) -> str:

@@ -10,7 +10,7 @@ from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 def test_features_have_the_length_that_was_said_whatever_the_size(size, settings):
     config = PatchCNNConfig(**settings)
     backbone = build_backbone(config, size)
-    assert backbone(torch.zeros(2, 3, *size)).shape == (2, backbone.num_features) == (2, config.rough_features())
+    assert backbone(torch.zeros(2, 3, *size)).shape == (2, config.num_features)
 
 
 @pytest.mark.parametrize("settings", [{}, {"quarter": 128, "eighth": 256, "eighth_blocks": 4}])

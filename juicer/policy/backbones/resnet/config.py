@@ -54,8 +54,9 @@ class ResNetConfig(BackboneConfig):
         """Channels of the last block."""
         return CHANNELS[-1] * EXPANSION[self.depth]
 
-    def rough_features(self) -> int:
-        """Exactly, as it happens."""
+    @property
+    def num_features(self) -> int:
+        """See :class:`juicer.policy.members.BackboneConfig`."""
         return self.outputs or self.pooled
 
     def rough_parameters(self) -> int:

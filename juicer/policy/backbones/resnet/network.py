@@ -82,7 +82,6 @@ class ResNet(Backbone):
             else nn.Sequential(nn.AdaptiveAvgPool2d(1), nn.Flatten())
         )
         self.fc = nn.Linear(config.pooled, config.outputs) if config.outputs else nn.Identity()
-        self.num_features = config.rough_features()
         _initialise(self)
 
     def forward(self, images: Tensor) -> Tensor:

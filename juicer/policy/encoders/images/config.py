@@ -126,10 +126,10 @@ class ImagesConfig(EncoderConfig):
 
     def rough_features(self) -> int:
         """See :class:`juicer.policy.members.EncoderConfig`."""
-        return len(self.views) * (self.projection or self.backbone.rough_features())
+        return len(self.views) * (self.projection or self.backbone.num_features)
 
     def rough_parameters(self) -> int:
         """See :class:`juicer.policy.members.EncoderConfig`."""
         backbones = 1 if self.frozen else len(self.views)
-        projections = len(self.views) * (self.projection or 0) * self.backbone.rough_features()
+        projections = len(self.views) * (self.projection or 0) * self.backbone.num_features
         return backbones * self.backbone.rough_parameters() + projections
