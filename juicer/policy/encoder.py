@@ -126,24 +126,25 @@ class Encoders(nn.Module):
         return any(isinstance(spec, ImageSpec) for spec in self.observations)
 
     @property
-    def taught_with_poses(self) -> bool:
-        """Whether it is taught with true poses of parts that it does not see when the policy acts."""
-        return PART_POSES in {spec.name for spec in self.lessons} - {spec.name for spec in self.observations}
-
-    @property
     def account(self) -> str:
         """What the policy sees, and what it was taught with that it does not see: a result is never told without it.
 
         E.g. ``state``, ``images``, or ``images, poses in training``.
         """
         images, poses = self.sees_images, PART_POSES in {spec.name for spec in self.observations}
-        parts = {
+        told = {
             "images": images,
             "state": poses,
             "proprioception": not (images or poses),
-            "poses in training": self.taught_with_poses,
+            "poses in training": self.learns_from_unseen_poses,
         }
-        return ", ".join(part for part, is_so in parts.items() if is_so)
+        return ", ".join(what for what, is_so in told.items() if is_so)
+
+    @property
+    def learns_from_unseen_poses(self) -> bool:
+        """Whether true poses are shown in training, and validation, that are not when the policy acts."""
+        lessons, observations = ({spec.name for spec in specs} for specs in (self.lessons, self.observations))
+        return PART_POSES in lessons - observations
 
     def take_estimators(self, folders: Sequence[Path]) -> None:
         """See :class:`ObservationEncoder`."""

@@ -148,7 +148,7 @@ def _checkpoint(learner: Learner, step: int, origins_taught: bool) -> Checkpoint
         step=step,
     )
     ema = None if learner.ema is None else _on_cpu(learner.ema)
-    return Checkpoint(metadata, _on_cpu(network), ema, origins_taught or network.encoders.taught_with_poses)
+    return Checkpoint(metadata, _on_cpu(network), ema, origins_taught or network.encoders.learns_from_unseen_poses)
 
 
 def cut_sides(

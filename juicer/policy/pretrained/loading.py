@@ -66,7 +66,7 @@ def load_pretrained(network: nn.Module, folder: Path) -> tuple[Pretrained, ...]:
             continue
         if weights not in tensors:
             content = read_weights_file(weights, folder)
-            tensors[weights] = _tensors(weights, content)
+            tensors[weights] = read_tensors(weights, content)
             taken.append(Pretrained(weights, _poses_taught(weights.file, content)))
         _fill(backbone, tensors[weights], weights.file)
     for weights in tensors:
@@ -75,8 +75,12 @@ def load_pretrained(network: nn.Module, folder: Path) -> tuple[Pretrained, ...]:
     return tuple(taken)
 
 
-def _tensors(weights: Weights, content: bytes) -> dict[str, Tensor]:
-    """Tensors of a file by name, without what others have put around them."""
+def read_tensors(weights: Weights, content: bytes) -> dict[str, Tensor]:
+    """Tensors by name in the content of a file, without what others have put around them.
+
+    Raises:
+        UnusableWeights: See :func:`load_pretrained`.
+    """
     found = _unpacked(content, weights.file)
     wrapped = next((found[name] for name in WRAPPERS if isinstance(found.get(name), Mapping)), found)
     named = {str(name): value for name, value in wrapped.items() if isinstance(value, Tensor)}
@@ -121,9 +125,9 @@ def _without_prefixes(name: str) -> str:
 def _fill(backbone: Backbone, tensors: Mapping[str, Tensor], file: str) -> None:
     own, given = backbone.state_dict(), backbone.adapted(tensors)
     differences = [
-        *_told("are missing", own.keys() - given.keys()),
-        *_told("belong elsewhere", given.keys() - own.keys()),
-        *_told(
+        *_difference("are missing", own.keys() - given.keys()),
+        *_difference("belong elsewhere", given.keys() - own.keys()),
+        *_difference(
             "have another shape", {name for name in own.keys() & given.keys() if own[name].shape != given[name].shape}
         ),
     ]
@@ -137,5 +141,5 @@ def _fill(backbone: Backbone, tensors: Mapping[str, Tensor], file: str) -> None:
     backbone.load_state_dict(given)
 
 
-def _told(what: str, names: set[str]) -> list[str]:
+def _difference(what: str, names: set[str]) -> list[str]:
     return [f"{len(names)} {what} (e.g. '{printable(min(names))}')"] if names else []
