@@ -97,19 +97,17 @@ def share_statistics(network: nn.Module, device: torch.device, images: int) -> N
     Raises:
         ConfigError: If there is no GPU: torch shares statistics on these only.
     """
-    for parent in list(network.modules()):
-        for name, layer in parent.named_children():
-            if not isinstance(layer, _BatchNorm) or not layer.training:
-                continue
-            if isinstance(layer, BatchNorm) and not layer.takes_statistics(images):
-                continue
-            if device.type != "cuda":
-                raise ConfigError(
-                    "batch normalisation needs the whole batch, which several processes share on GPUs only; set "
-                    "JUICER_TRAIN_PROCESSES=1, or choose an encoder with group normalisation"
-                )
-            shared = nn.SyncBatchNorm.convert_sync_batchnorm(layer)  # type: ignore[no-untyped-call]
-            parent.add_module(name, shared)
+    for name, layer in list(network.named_modules()):
+        if not isinstance(layer, _BatchNorm) or not layer.training:
+            continue
+        if isinstance(layer, BatchNorm) and not layer.takes_statistics(images):
+            continue
+        if device.type != "cuda":
+            raise ConfigError(
+                "batch normalisation needs the whole batch, which several processes share on GPUs only; set "
+                "JUICER_TRAIN_PROCESSES=1, or choose an encoder with GroupNorm"
+            )
+        network.set_submodule(name, nn.SyncBatchNorm.convert_sync_batchnorm(layer))  # type: ignore[no-untyped-call]
 
 
 def current_ranks() -> Ranks:
