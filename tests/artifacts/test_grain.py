@@ -179,7 +179,7 @@ CHANGES = (
         "how pretrained weights are read",
         "juicer/policy/pretrained/loading.py",
         CODE,
-        {"encode"} | FROM_TRAINING | LOOKING | ESTIMATING,
+        {"encode", "estimate"} | FROM_TRAINING | LOOKING | ESTIMATING,
     ),
     edit("a file of weights that somebody publishes", "juicer/policy/pretrained/known.py", CODE, NOTHING),
     edit("the optimiser's loop", "juicer/training/trainer.py", CODE, FROM_TRAINING | LOOKING | ESTIMATING),

@@ -7,6 +7,7 @@ import hashlib
 import numpy as np
 import pytest
 import torch
+from pydantic import ValidationError
 from safetensors.torch import save_file
 
 from juicer.artifacts.store import ArtifactStore
@@ -115,3 +116,9 @@ def test_what_is_learned_shares_no_features_and_what_is_computed_does(policy):
     wider = wider.model_copy(update={"observation": {"other": eyes}})
     assert wider.fixed_parts == policy.fixed_parts
     assert policy.learned_views == ()
+
+
+def test_what_learns_has_no_features_to_keep(policy):
+    trained = policy.observation["eyes"].model_copy(update={"frozen": False})
+    with pytest.raises(ValidationError, match="an encoder 'images' that is not frozen has no features to keep"):
+        EncodeConfig(encoder=trained)
