@@ -4,7 +4,7 @@
 
 Draws a scripted one_leg demonstration for the front and the wrist camera, repeats it to the number of steps, writes and
 unpacks it as a training does, and gathers batches at random; then takes a few training steps on such batches, with one
-small_cnn a view and with one ResNet18 a view.
+patch_cnn a view and with one ResNet18 a view.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from juicer.views import View
 
 ARTIFACT = "0123456789abcdef"
 BATCH = 64
-BACKBONES: Mapping[str, Mapping[str, Any]] = {"small_cnn": {"kind": "small_cnn"}, "ResNet18": {"kind": "resnet"}}
+BACKBONES: Mapping[str, Mapping[str, Any]] = {"patch_cnn": {"kind": "patch_cnn"}, "ResNet18": {"kind": "resnet"}}
 
 
 def main() -> None:
@@ -117,10 +117,10 @@ def demonstration() -> Episode:
 
 
 def policy_of(views: Mapping[str, View], backbone: Mapping[str, Any]) -> PolicyConfig:
-    """A policy that looks, with a small head: what is measured are its eyes."""
-    eyes = {"kind": "images", "views": dict(views), "backbone": dict(backbone)}
+    """A policy that looks, with a small head: what is measured is its encoder."""
+    images = {"kind": "images", "views": dict(views), "backbone": dict(backbone)}
     head = {"kind": "mlp", "width": 128, "blocks": 1}
-    return PolicyConfig.model_validate({"observation": {"eyes": eyes}, "head": head})
+    return PolicyConfig.model_validate({"observation": {"images": images}, "head": head})
 
 
 def consume(name: str, episodes: TrainingEpisodes, policy: PolicyConfig) -> None:
@@ -132,7 +132,7 @@ def consume(name: str, episodes: TrainingEpisodes, policy: PolicyConfig) -> None
     table.fit()
     table.normalize()
     order = BatchOrder(len(table), BATCH, seed=0)
-    learner = Learner(network, config, 0, device)
+    learner = Learner(network, config, device)
     with compute_settings(config.threads, "medium"):
         gather = min(timed(lambda step=step: table.gather(order.rows(step))) for step in range(20))
         batch = table.gather(order.rows(0))

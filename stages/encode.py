@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import model_validator
 
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
@@ -23,6 +25,12 @@ class EncodeConfig(StrictConfig):
     """What computes the features; it must have nothing to learn."""
 
     encoder: AnyEncoder
+
+    @model_validator(mode="after")
+    def _has_fixed_features(self) -> Self:
+        if not self.encoder.fixed_parts:
+            raise ValueError(f"an encoder '{self.encoder.kind}' that is not frozen has no features to keep")
+        return self
 
 
 @stage(

@@ -43,6 +43,7 @@ def estimate(context: StageContext, *, episodes: ArtifactRef, annotations: Artif
     from juicer.policy.encoders.estimated.estimator import build_estimator
     from juicer.policy.encoders.estimated.files import save_estimator
     from juicer.policy.feature_spec import feature_spec
+    from juicer.policy.pretrained.loading import load_pretrained
 
     reader = EpisodeReader(context.store.open(episodes, "episodes"))
     reader.require_state()
@@ -64,8 +65,10 @@ def estimate(context: StageContext, *, episodes: ArtifactRef, annotations: Artif
         progress=context.progress,
     )
     curves = CurveWriter(scratch, context.metrics)
+    untaught = build_estimator(config.encoder, task.name, feature_spec(task.name), seed)
+    load_pretrained(untaught, context.machine.weights)
     learned = learn(
-        build_estimator(config.encoder, task.name, feature_spec(task.name), seed),
+        untaught,
         drawn["learned"],
         drawn["held_out"],
         tuple(zip(task.critical_state_names, task.critical_states, strict=True)),

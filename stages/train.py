@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from juicer.artifacts.manifest import FINDING, OBSERVES
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from juicer.config import Seed, StrictConfig, models_in
+from juicer.config import Seed, StrictConfig
 from juicer.policy.config import PolicyConfig
 from juicer.policy.feature_spec import feature_spec
-from juicer.policy.members import BackboneConfig
 from juicer.storage.columns import DRAWN_BY
 from juicer.storage.curves import CurveWriter
 from juicer.storage.dataset import DatasetRow, grouped, read_dataset
@@ -38,17 +37,6 @@ class TrainConfig(StrictConfig):
     policy: PolicyConfig = PolicyConfig()
     training: TrainingConfig = TrainingConfig()
     seed: Seed = Field(default=0, description="root of initial weights, split, order and noise")
-
-    @model_validator(mode="after")
-    def _frozen_is_not_random(self) -> Self:
-        for part in self.policy.fixed_parts:
-            for model in models_in(part):
-                if isinstance(model, BackboneConfig) and model.weights is None:
-                    raise ValueError(
-                        f"a frozen backbone keeps the weights that it starts from: say under weights of {model.kind} "
-                        "which they are, or train it (frozen: false)"
-                    )
-        return self
 
 
 @stage(
@@ -103,7 +91,7 @@ def train(
     curves.finish(context.draft.path)
     context.draft.summary |= {
         "tasks": list(tasks),
-        OBSERVES: encoders.account,
+        OBSERVES: trained.observes,
         "steps": config.training.steps,
         **_sizes(trained.use),
         **trained.facts,

@@ -16,7 +16,7 @@ from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from juicer.errors import ConfigError, did_you_mean
-from juicer.policy.pretrained.files import DEFAULT_FOLDER
+from juicer.policy.pretrained.files import DEFAULT_FOLDER, expanded
 from juicer.problems import first_problem
 from juicer.text import printable
 from stages.runtime.machine import Machine
@@ -42,9 +42,10 @@ class Settings(BaseSettings):
         device: Torch device that policies are trained on and act on: ``cpu``, ``cuda``, or ``cuda:1`` for the second;
             of several, ``cuda:0,cuda:1``, each takes a training of its own.
         train_processes: Processes that train one policy together, each on one of these devices.
-        loaders: Processes that gather the batches of each of them ahead of time; if empty, four where a policy that
-            sees images trains on a GPU, and none elsewhere.
-        weights: Folder in which files of pretrained weights are looked for; see `juicer doctor --encoders`.
+        loaders: Processes that gather the batches of each of them ahead of time; if empty, four where a policy learns
+            from images on a GPU, and none elsewhere.
+        weights: Folder in which files of pretrained weights are looked for, by default below the user's
+            home, or ``weights`` in ``data`` if there is none; see `juicer doctor --encoders`.
         allowed_hosts: Names, besides this machine's own, by which browsers and clients may reach servers that juicer
             runs, such as ``prefect.example.org`` or ``127.0.0.1:14200``; separated by commas.
         startup_seconds: How long a Prefect or MLflow server may take to answer after its start.
@@ -93,10 +94,8 @@ class Settings(BaseSettings):
     @field_validator("data", "store", "weights")
     @classmethod
     def _has_a_home(cls, value: Path | str) -> Path | str:
-        try:
-            Path(value).expanduser()
-        except RuntimeError:
-            raise ValueError(f"there is no user {Path(value).parts[0]}") from None
+        if value != DEFAULT_FOLDER and expanded(Path(value)) is None:
+            raise ValueError(f"there is no user {Path(value).parts[0]}")
         return value
 
     @cached_property
@@ -117,7 +116,8 @@ class Settings(BaseSettings):
     @property
     def machine(self) -> Machine:
         """How much of this machine a stage may use."""
-        weights = self.weights.expanduser().absolute()
+        # A user of a container may have no home.
+        weights = (expanded(self.weights) or self.folder / "weights").absolute()
         return Machine(self.workers, self.num_envs, self.devices, self.train_processes, self.loaders, weights=weights)
 
     @property

@@ -11,6 +11,8 @@ from torch.nn import functional
 
 from juicer.policy.members import BackboneConfig
 
+FULL_BRIGHTNESS = 255
+"""Of a colour of a pixel."""
 SMALLEST_BATCH = 64
 """Images below which statistics of a batch are too uncertain to learn from."""
 
@@ -22,11 +24,9 @@ class Backbone(nn.Module, ABC):
 
     Attributes:
         config: What it was built of.
-        num_features: Length C of its features.
     """
 
     config: BackboneConfig
-    num_features: int
 
     @abstractmethod
     def forward(self, images: Tensor) -> Tensor:
@@ -42,6 +42,11 @@ def build_backbone(config: BackboneConfig, size: tuple[int, int]) -> Backbone:
     backbone: Backbone = config.network_class()(config, size)
     backbone.config = config
     return backbone
+
+
+def to_shares(images: Tensor) -> Tensor:
+    """Images ``(B, h, w, 3)`` uint8 as shares of full brightness ``(B, 3, h, w)``; in memory, colours stay together."""
+    return images.permute(0, 3, 1, 2).float() / FULL_BRIGHTNESS
 
 
 class Pixels(nn.Module):
@@ -83,9 +88,14 @@ class BatchNorm(nn.BatchNorm2d):
     A few dozen images of one robot would replace the statistics of millions within some hundred steps.
     """
 
+    @staticmethod
+    def takes_statistics(images: int) -> bool:
+        """Whether a batch of so many images is large enough for statistics of its own."""
+        return images >= SMALLEST_BATCH
+
     def forward(self, input: Tensor) -> Tensor:
         """``(B, C, H, W)`` of the same shape."""
-        if not self.training or len(input) >= SMALLEST_BATCH:
+        if not self.training or self.takes_statistics(len(input)):
             return super().forward(input)
         return functional.batch_norm(
             input, self.running_mean, self.running_var, self.weight, self.bias, training=False, eps=self.eps

@@ -51,11 +51,13 @@ class Checkpoint:
         metadata: Content of ``policy.json``.
         weights: State of the network after the last step.
         ema: Moving average of the state, if one was kept.
+        poses_taught: Whether true poses of parts taught some of it to read images; written, not read.
     """
 
     metadata: CheckpointMetadata
     weights: Mapping[str, Tensor]
     ema: Mapping[str, Tensor] | None
+    poses_taught: bool = False
 
     def network(self, inference_steps: int | None = None) -> PolicyNetwork:
         """The network that acts.
@@ -93,9 +95,9 @@ def save_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
     """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / POLICY_FILE).write_text(checkpoint.metadata.model_dump_json(indent=2) + "\n")
-    write_weights(folder / WEIGHT_FILES["raw"], checkpoint.weights)
+    write_weights(folder / WEIGHT_FILES["raw"], checkpoint.weights, checkpoint.poses_taught)
     if checkpoint.ema is not None:
-        write_weights(folder / WEIGHT_FILES["ema"], checkpoint.ema)
+        write_weights(folder / WEIGHT_FILES["ema"], checkpoint.ema, checkpoint.poses_taught)
 
 
 def load_checkpoint(folder: Path) -> Checkpoint:

@@ -70,6 +70,11 @@ class BackboneConfig(MemberConfig):
         default=None, description="what it starts from: published weights by name, or a file; random if empty"
     )
 
+    @property
+    def is_wholly_pretrained(self) -> bool:
+        """Whether nothing in it starts with random weights."""
+        return self.weights is not None
+
     def described(self) -> str:
         """For people: its kind, and the settings that are not the usual ones."""
         settings = self.model_dump(exclude={"kind", "weights"}, exclude_defaults=True)
@@ -82,9 +87,10 @@ class BackboneConfig(MemberConfig):
             ValueError: With a sentence that says why.
         """
 
-    def rough_features(self) -> int:
-        """Numbers that it yields of an image, roughly."""
-        return TYPICAL_FEATURES
+    @property
+    def num_features(self) -> int:
+        """Length C of its features."""
+        raise NotImplementedError(f"{type(self).__name__} does not say how many features it yields")
 
     def rough_parameters(self) -> int:
         """Its weights to within a few per cent, or 0 if that is not known before it is built."""

@@ -22,6 +22,8 @@ from juicer.reading import read_bounded
 from juicer.text import printable
 
 MOST_METADATA_BYTES = 1_000_000
+POSES_TAUGHT = {"taught_with": "poses"}
+"""Metadata of a safetensors file some of whose weights were taught with true poses of parts to read images."""
 
 
 def read_metadata(path: Path, model: type[ConfigT], version: int, what: str, anew: str) -> ConfigT:
@@ -63,14 +65,19 @@ def read_metadata(path: Path, model: type[ConfigT], version: int, what: str, ane
         raise InvalidCheckpoint(f"'{path}' is not valid: {problem.sentence}") from None
 
 
-def write_weights(path: Path, weights: Mapping[str, Tensor]) -> None:
+def write_weights(path: Path, weights: Mapping[str, Tensor], poses_taught: bool = False) -> None:
     """Write a state.
+
+    Args:
+        path: The file.
+        weights: The state.
+        poses_taught: Whether true poses of parts taught some of it to read images; the file says so wherever it goes.
 
     Raises:
         OSError: If the system refuses the write.
     """
     with refusals_as_os_errors(path):
-        save_file(dict(weights), path)
+        save_file(dict(weights), path, POSES_TAUGHT if poses_taught else None)
 
 
 def expected_weights(build: Callable[[], nn.Module], what: str) -> Mapping[str, Tensor]:

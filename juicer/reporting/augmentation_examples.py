@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from juicer.policy.backbone import FULL_BRIGHTNESS
 from juicer.policy.encoders.images.config import ImagesConfig
 from juicer.policy.encoders.images.network import brightness
 
@@ -58,7 +59,7 @@ def _rows(
 
 
 def _pixels(shares: torch.Tensor) -> NDArray[np.uint8]:
-    pixels: NDArray[Any] = (255 * shares).round().to(torch.uint8).permute(0, 2, 3, 1).numpy()
+    pixels: NDArray[Any] = (FULL_BRIGHTNESS * shares).round().to(torch.uint8).permute(0, 2, 3, 1).numpy()
     return pixels
 
 

@@ -63,7 +63,7 @@ class Learner:
         self._ranks = ranks or Ranks()
         self._part = self._ranks.part(config.batch_size)
         self.precision = chosen_precision(config.precision, device)
-        self._loss = self._ranks.join(_Loss(network), device)
+        self._loss = self._ranks.join(_Loss(network), device, config.batch_size * network.config.horizons.obs)
         if config.compile:
             self._loss.compile()
 

@@ -16,6 +16,7 @@ from torch.nn.modules.batchnorm import _BatchNorm
 from torch.nn.parallel import DistributedDataParallel
 
 from juicer.errors import ConfigError
+from juicer.policy.backbone import BatchNorm
 from juicer.policy.draws import Part
 from juicer.policy.torch_settings import usable_device
 
@@ -61,25 +62,52 @@ class Ranks:
         distributed.all_reduce(total)
         return total
 
-    def join(self, loss: nn.Module, device: torch.device) -> nn.Module:
+    def join(self, loss: nn.Module, device: torch.device, images: int) -> nn.Module:
         """The module, with gradients that are means over all processes.
 
+        Args:
+            loss: What learns.
+            device: What it computes on.
+            images: How many images of each view the whole batch has.
+
         Raises:
-            ConfigError: If it has batch normalisation, which needs the whole batch, and there is no GPU to share it.
+            ConfigError: See :func:`share_statistics`.
         """
         if self.count == 1:
             return loss
-        devices = None
-        if device.type == "cuda":
-            devices, loss = [device], nn.SyncBatchNorm.convert_sync_batchnorm(loss)  # type: ignore[no-untyped-call]
-        elif any(isinstance(module, _BatchNorm) and module.training for module in loss.modules()):
+        share_statistics(loss, device, images)
+        return DistributedDataParallel(
+            loss,
+            device_ids=[device] if device.type == "cuda" else None,
+            forward_sync_buffers=False,
+            gradient_as_bucket_view=True,
+        )
+
+
+def share_statistics(network: nn.Module, device: torch.device, images: int) -> None:
+    """Have batch normalisation take the statistics of the whole batch, of which this process sees a part.
+
+    What takes none, of so small a batch or as it is frozen, stays as it is: of a part it takes none either.
+
+    Args:
+        network: What is changed.
+        device: What it computes on.
+        images: How many images the whole batch has.
+
+    Raises:
+        ConfigError: If there is no GPU: torch shares statistics on these only.
+    """
+    for name, layer in list(network.named_modules()):
+        if not isinstance(layer, _BatchNorm) or not layer.training:
+            continue
+        if isinstance(layer, BatchNorm) and not layer.takes_statistics(images):
+            continue
+        if device.type != "cuda":
             raise ConfigError(
                 "batch normalisation needs the whole batch, which several processes share on GPUs only; set "
                 "JUICER_TRAIN_PROCESSES=1, or choose an encoder with GroupNorm"
             )
-        return DistributedDataParallel(
-            loss, device_ids=devices, forward_sync_buffers=False, gradient_as_bucket_view=True
-        )
+        network.set_submodule(name, nn.SyncBatchNorm.convert_sync_batchnorm(layer))  # type: ignore[no-untyped-call]
 
 
 def current_ranks() -> Ranks:

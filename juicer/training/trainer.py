@@ -15,10 +15,10 @@ from torch import Tensor
 from juicer.errors import ConfigError
 from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetadata
 from juicer.policy.config import HorizonConfig, PolicyConfig
+from juicer.policy.encoder import Encoders
 from juicer.policy.network import PolicyNetwork, build_policy
-from juicer.policy.pretrained.config import Weights
 from juicer.policy.pretrained.files import DEFAULT_FOLDER
-from juicer.policy.pretrained.loading import load_pretrained
+from juicer.policy.pretrained.loading import Pretrained, load_pretrained
 from juicer.policy.tasks import Tasks
 from juicer.policy.torch_settings import compute_settings, usable_device
 from juicer.progress import MetricSink, NullMetricSink, Progress, silent_progress
@@ -45,12 +45,14 @@ class TrainedCheckpoint:
 
     Attributes:
         checkpoint: Weights and configuration.
+        observes: What the policy sees, and what it was taught with that it does not see, before this training too.
         facts: Worth knowing: device and precision, size of network and data, last losses and validation.
         use: What its windows reach of the episodes of every source.
         losses: A sentence for every source of which a notable share went unused.
     """
 
     checkpoint: Checkpoint
+    observes: str
     facts: Mapping[str, float | str]
     use: Mapping[str, SourceUse]
     losses: tuple[str, ...]
@@ -95,7 +97,8 @@ def train(
         scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
             training continues from it, bit for bit on a CPU.
         device: Torch device; a fact about the machine, not part of what is trained.
-        loaders: Processes that gather batches ahead of time; if None, some for a GPU and a policy that sees images.
+        loaders: Processes that gather batches ahead of time; if None, some for a GPU and a policy that learns from
+            images.
         weights: Where files of pretrained weights are looked for first.
         progress: Called with the steps done, the loss and the seconds left.
         metrics: Called with loss, learning rate and validation.
@@ -114,32 +117,35 @@ def train(
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
         network = build_policy(policy, tasks, torch_seed(seed, "weights"))
-        network.encoders.take_estimators(estimators)
         pretrained = load_pretrained(network, weights)
+        # After what their own backbones started from.
+        network.encoders.take_estimators(estimators)
         loop = _set_up(episodes, sides, network, config, seed, torch_device, loaders, metrics or NullMetricSink())
         facts = loop.run(training_identity(episodes, _settings(policy, tasks, config, seed)), scratch, progress)
+    origins_taught = any(each.poses_taught for each in pretrained)
     return TrainedCheckpoint(
-        checkpoint=_checkpoint(loop.learner, config.steps),
+        checkpoint=_checkpoint(loop.learner, config.steps, origins_taught),
+        observes=network.encoders.account + (", started from pose supervision" if origins_taught else ""),
         facts={"device": torch_device.type, **_known_before(loop.learner, pretrained), **facts},
         use=use,
         losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
     )
 
 
-def _known_before(learner: Learner, pretrained: Sequence[Weights]) -> dict[str, str]:
+def _known_before(learner: Learner, pretrained: Sequence[Pretrained]) -> dict[str, str]:
     """Its arithmetic, where its weights came from and what may be done with them, and what it is validated on.
 
     A policy that acts on images and is validated on poses says so: others that see images cannot be compared with it.
     """
     facts: dict[str, str] = {"precision": learner.precision}
     if pretrained:
-        facts["pretrained"] = ", ".join(f"{each.file} ({each.licence})" for each in pretrained)
+        facts["pretrained"] = ", ".join(f"{weights.file} ({weights.licence})" for weights, _ in pretrained)
     if learner.network.encoders.learns_from_unseen_poses:
         facts["validated_on"] = "true poses"
     return facts
 
 
-def _checkpoint(learner: Learner, step: int) -> Checkpoint:
+def _checkpoint(learner: Learner, step: int, origins_taught: bool) -> Checkpoint:
     network = learner.network
     metadata = CheckpointMetadata(
         schema_version=SCHEMA_VERSION,
@@ -148,7 +154,8 @@ def _checkpoint(learner: Learner, step: int) -> Checkpoint:
         acting_weights="raw" if learner.ema is None else "ema",
         step=step,
     )
-    return Checkpoint(metadata, _on_cpu(network), None if learner.ema is None else _on_cpu(learner.ema))
+    ema = None if learner.ema is None else _on_cpu(learner.ema)
+    return Checkpoint(metadata, _on_cpu(network), ema, origins_taught or network.encoders.learns_from_unseen_poses)
 
 
 def cut_sides(
@@ -204,7 +211,7 @@ def _set_up(
 ) -> _Loop:
     """Bring together what learns, what it learns from, and who gathers that."""
     ranks = current_ranks()
-    loaders = _default_loaders(network, device) if loaders is None else loaders
+    loaders = default_loaders(network.encoders, device) if loaders is None else loaders
     # Processes beside the training have no use of its GPU: windows, and what prepares them, are not on it then.
     home = torch.device("cpu") if loaders else device
     windows = window_sources(episodes, sides, network.to(home), config, seed, home)
@@ -292,9 +299,9 @@ class _Loop:
         self._facts |= metrics
 
 
-def _default_loaders(network: PolicyNetwork, device: torch.device) -> int:
+def default_loaders(encoders: Encoders, device: torch.device) -> int:
     """Numbers of a whole dataset lie on the GPU; images are gathered by others while it computes."""
-    return LOADERS if network.encoders.sees_images and device.type != "cpu" else 0
+    return LOADERS if encoders.lesson_images and device.type != "cpu" else 0
 
 
 def _check_noise(policy: PolicyConfig, config: TrainingConfig) -> None:

@@ -22,12 +22,12 @@ from typing import Any
 
 from juicer.errors import JuicerError, StageDied
 from stages.runtime.context import StageContext
+from stages.runtime.messages import Message, describe_end, forward, without_listeners, work_for_parent
 from stages.runtime.stage import StageCall, check_code
-from stages.runtime.voice import Told, mute, obituary, pass_on, work_for_parent
 
 POLL_SECONDS = 0.2
-FAREWELL_SECONDS = 5
-BEGUN = "begun"
+SHUTDOWN_SECONDS = 5
+STARTED = "started"
 _LAUNCHERS = ("torch.distributed.elastic", "torch.multiprocessing")
 LOOPBACK = {"GLOO_SOCKET_IFNAME": "lo", "NCCL_SOCKET_IFNAME": "lo"}
 """The interface that torch's two ways to communicate use."""
@@ -38,7 +38,7 @@ def run_body(call: StageCall, context: StageContext) -> None:
 
     Raises:
         ForeignCode: If there is other code here than the recipe names.
-        StageDied: If one of several processes ended without a word.
+        StageDied: If one of several processes ended without a message.
         Exception: Whatever the body raised.
     """
     check_code(call)
@@ -55,9 +55,9 @@ def _run_ranks(call: StageCall, context: StageContext) -> dict[str, Any]:
     guarded, guard = spawning.Pipe(duplex=False)
     with tempfile.TemporaryDirectory(prefix="juicer-ranks-") as folder, ThreadPoolExecutor(1) as pool:
         # The launcher waits in a thread of its own: progress is heard, and may interrupt, in this one.
-        launched = pool.submit(_launch, call, mute(context), sending, guarded, Path(folder))
+        launched = pool.submit(_launch, call, without_listeners(context), sending, guarded, Path(folder))
         try:
-            return _listen(_Heard(context, call.recipe.stage), launched, receiving, sending)
+            return _listen(_Results(context, call.recipe.stage), launched, receiving, sending)
         finally:
             # Whatever is still at work ends now.
             for end in (guard, guarded, *sending):
@@ -89,7 +89,7 @@ def _launch(
         local_addr="127.0.0.1",
         max_restarts=0,
         logs_specs=DefaultLogsSpecs(log_dir=str(folder)),
-        shutdown_timeout=FAREWELL_SECONDS,
+        shutdown_timeout=SHUTDOWN_SECONDS,
     )
     try:
         elastic_launch(config, _rank)(call, context, sending, guarded, folder / "processes")
@@ -99,59 +99,59 @@ def _launch(
 
 
 def _listen(
-    heard: _Heard, launched: Future[int | None], receiving: Sequence[Connection], sending: Sequence[Connection]
+    results: _Results, launched: Future[int | None], receiving: Sequence[Connection], sending: Sequence[Connection]
 ) -> dict[str, Any]:
     """Hear the processes until all have ended; returns the summary of the first."""
     numbers = {end: number for number, end in enumerate(receiving)}
     while numbers:
-        if launched.done() or heard.begun == len(receiving):
+        if launched.done() or results.num_started == len(receiving):
             # Every process has its own by now; without ours, what one was saying when it was killed comes to an end.
             for end in sending:
                 end.close()
-        told = [(end, _next_word(end)) for end in wait(list(numbers), POLL_SECONDS) if isinstance(end, Connection)]
+        messages = [(end, _receive(end)) for end in wait(list(numbers), POLL_SECONDS) if isinstance(end, Connection)]
         # One that ended without a word is why others fail in the same moment.
-        for end, word in sorted(told, key=lambda pair: pair[1] is not None):
-            heard.note(numbers[end], word)
-            if word is None:
+        for end, message in sorted(messages, key=lambda pair: pair[1] is not None):
+            results.take(numbers[end], message)
+            if message is None:
                 del numbers[end]
-    return heard.conclude(launched.result())
+    return results.summary(launched.result())
 
 
-def _next_word(end: Connection) -> Told | None:
+def _receive(end: Connection) -> Message | None:
     """What a process says next; None if it has ended."""
     with suppress(EOFError):
-        told: Told = end.recv()
-        return told
+        message: Message = end.recv()
+        return message
     return None
 
 
-class _Heard:
+class _Results:
     """What has been heard of the processes of a stage; the first one speaks for all of them.
 
     Attributes:
-        begun: How many are at work, or were.
+        num_started: How many are at work, or were.
     """
 
     def __init__(self, context: StageContext, name: str) -> None:
-        self.begun = 0
+        self.num_started = 0
         self._context = context
         self._name = name
         self._summaries: dict[int, Any] = {}
         self._failures: list[Exception | None] = []
 
-    def note(self, number: int, told: Told | None) -> None:
+    def take(self, number: int, message: Message | None) -> None:
         """Take down what a process said, or that it has ended."""
-        kind, content = ("end", None) if told is None else told
-        if kind == BEGUN:
-            self.begun += 1
+        kind, content = ("end", None) if message is None else message
+        if kind == STARTED:
+            self.num_started += 1
         elif kind == "summary":
             self._summaries[number] = content
-        elif kind == "error" or (told is None and number not in self._summaries):
+        elif kind == "error" or (message is None and number not in self._summaries):
             self._failures.append(content)
-        elif told and number == 0:
-            pass_on(told, self._context)
+        elif message and number == 0:
+            forward(message, self._context)
 
-    def conclude(self, status: int | None) -> dict[str, Any]:
+    def summary(self, status: int | None) -> dict[str, Any]:
         """The summary, if all went well.
 
         Args:
@@ -165,7 +165,8 @@ class _Heard:
         was_killed = status is not None and status < 0 and status != -signal.SIGTERM
         if cause is None or (was_killed and not isinstance(cause, JuicerError)):
             # Another status is that of a process that missed the one which was killed.
-            raise StageDied(obituary(f"one of the processes of stage '{self._name}'", status if was_killed else None))
+            shown = status if was_killed else None
+            raise StageDied(describe_end(f"one of the processes of stage '{self._name}'", shown))
         raise cause
 
 
@@ -177,7 +178,7 @@ def _rank(
     for other, end in enumerate(sending):
         if other != number:
             end.close()
-    sending[number].send((BEGUN, None))
+    sending[number].send((STARTED, None))
     own = replace(context, machine=replace(machine, devices=(machine.devices[number % len(machine.devices)],)))
     if not work_for_parent(
         partial(_take_part, call, number, meeting), own, sending[number], guarded, call.recipe.stage

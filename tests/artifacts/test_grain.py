@@ -23,6 +23,7 @@ from juicer.demonstration.ingestion import IngestionConfig
 from juicer.policy.config import PolicyConfig
 from juicer.policy.encoders.estimated.config import EstimatedConfig
 from juicer.policy.encoders.images.config import ImagesConfig
+from juicer.policy.pretrained.config import Weights
 from juicer.reporting.comparison import ReportRow
 from juicer.tasks import content
 from juicer.tasks.registry import TASK_NAMES, get_task
@@ -141,7 +142,7 @@ MEMBERS = tuple(
         ("the encoder of states", "encoders/features/config.py", {"estimate"} | FROM_TRAINING | ESTIMATING),
         ("the encoder that estimates", "encoders/estimated/network.py", {"estimate", *ESTIMATING}),
         ("the encoder of images", "encoders/images/network.py", {"encode", *LOOKING}),
-        ("the backbone", "backbones/small_cnn/network.py", {"encode", *LOOKING}),
+        ("the backbone", "backbones/patch_cnn/network.py", {"encode", "estimate", *LOOKING, *ESTIMATING}),
         ("the head that the policies use", "heads/diffusion/network.py", FROM_TRAINING | LOOKING | ESTIMATING),
         ("a head that they do not use", "heads/mlp/network.py", NOTHING),
         ("a denoiser that they do not use", "denoisers/mlp/network.py", NOTHING),
@@ -178,7 +179,7 @@ CHANGES = (
         "how pretrained weights are read",
         "juicer/policy/pretrained/loading.py",
         CODE,
-        {"encode"} | FROM_TRAINING | LOOKING | ESTIMATING,
+        {"encode", "estimate"} | FROM_TRAINING | LOOKING | ESTIMATING,
     ),
     edit("a file of weights that somebody publishes", "juicer/policy/pretrained/known.py", CODE, NOTHING),
     edit("the optimiser's loop", "juicer/training/trainer.py", CODE, FROM_TRAINING | LOOKING | ESTIMATING),
@@ -195,7 +196,8 @@ CHANGES = (
 )
 
 EYES = ImagesConfig(views={"wrist": View(camera="wrist")})
-FROZEN = EYES.model_copy(update={"frozen": True})
+FILED = EYES.backbone.model_copy(update={"weights": Weights(file="any.pth", sha256="0" * 64, licence="MIT")})
+FROZEN = EYES.model_copy(update={"backbone": FILED, "frozen": True})
 LOOKING_POLICY = PolicyConfig(observation={"eyes": EYES})
 """Head and limits as the others have them."""
 

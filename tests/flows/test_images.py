@@ -37,7 +37,7 @@ LOOKING = {
                             "wrist": {"camera": "wrist", "width": 32, "height": 32},
                         },
                         "augmentation": {},
-                        "backbone": {"kind": "small_cnn", "stem": 8, "quarter": 8, "eighth": 8},
+                        "backbone": {"kind": "patch_cnn", "quarter": 8, "eighth": 8},
                         "projection": 16,
                     },
                 }

@@ -33,12 +33,15 @@ CHECKS = {
 that both views share. Counted with torchvision and timm beside the original's U-Net."""
 UNET = 69_123_594
 """Weights of the U-Net at a condition of 272 numbers: proprioception, and 128 of each image."""
+NEVER_FROZEN = {"ResNet18, spatial softmax"}
+"""Its maps are in no file, and are learned."""
 ROW = {row.title: row for row in ROWS}
 
 
 def policy_of(row, frozen):
     views = {camera: {"camera": camera, "width": 224, "height": 224} for camera in ("front", "wrist")}
-    images = {"kind": "images", "views": views, "backbone": dict(row.backbone), "frozen": frozen}
+    file = {"weights": {"file": "any.pth", "sha256": "0" * 64, "licence": "MIT"}} if frozen else {}
+    images = {"kind": "images", "views": views, "backbone": {**row.backbone, **file}, "frozen": frozen}
     observation = {"proprioception": {"kind": "proprioception"}, "images": images}
     return parse_config({"observation": observation}, PolicyConfig, origin="test")
 
@@ -51,17 +54,18 @@ def parts_of(config, tasks):
 
 @pytest.mark.parametrize("title", CHECKS)
 def test_an_encoder_has_as_many_weights_as_the_original(title):
-    backbone_config = policy_of(ROW[title], frozen=True).observation["images"].backbone
+    backbone_config = policy_of(ROW[title], frozen=False).observation["images"].backbone
     with torch.device("meta"):
         backbone = build_backbone(backbone_config, (224, 224))
     parameters = sum(each.numel() for each in backbone.parameters())
-    assert (parameters, backbone.num_features) == CHECKS[title][:2]
-    assert backbone_config.rough_features() == backbone.num_features
+    assert (parameters, backbone_config.num_features) == CHECKS[title][:2]
     assert backbone_config.rough_parameters() == pytest.approx(parameters, rel=0.01)
 
 
-@pytest.mark.parametrize("frozen", [False, True], ids=["two trained", "one frozen"])
-@pytest.mark.parametrize("title", CHECKS)
+@pytest.mark.parametrize(
+    ("title", "frozen"),
+    [(title, frozen) for title in CHECKS for frozen in (False, True) if not (frozen and title in NEVER_FROZEN)],
+)
 def test_a_policy_that_sees_has_as_many_weights_as_the_original(title, frozen, tasks):
     config = policy_of(ROW[title], frozen)
     parameters, head = parts_of(config, tasks)

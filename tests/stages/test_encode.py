@@ -14,7 +14,7 @@ from juicer.artifacts.store import ArtifactStore
 from juicer.demonstration.ingestion import IngestionConfig
 from juicer.demonstration.log import write_log
 from juicer.policy.backbone import build_backbone
-from juicer.policy.backbones.small_cnn.config import SmallCNNConfig
+from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 from juicer.policy.checkpoint import load_checkpoint, load_policy
 from juicer.policy.config import PolicyConfig
 from juicer.policy.network import build_policy
@@ -40,12 +40,12 @@ def folder(tmp_path_factory):
     """Where a file of weights lies."""
     folder = tmp_path_factory.mktemp("weights")
     torch.manual_seed(0)
-    save_file(build_backbone(SmallCNNConfig(), (32, 32)).state_dict(), folder / "small.safetensors")
+    save_file(build_backbone(PatchCNNConfig(), (32, 32)).state_dict(), folder / "small.safetensors")
     return folder
 
 
 def policy_on(weights) -> PolicyConfig:
-    backbone = {"kind": "small_cnn", "weights": weights}
+    backbone = {"kind": "patch_cnn", "weights": weights}
     eyes = {"kind": "images", "views": VIEWS, "backbone": backbone, "frozen": True, "projection": 8}
     return PolicyConfig.model_validate(
         {
@@ -118,6 +118,7 @@ def test_what_is_learned_shares_no_features_and_what_is_computed_does(policy):
     assert policy.learned_views == ()
 
 
-def test_a_frozen_backbone_must_start_from_something():
-    with pytest.raises(ValidationError, match=r"keeps the weights that it starts from: say under weights of small_cnn"):
-        TrainConfig(policy=policy_on(None))
+def test_what_learns_has_no_features_to_keep(policy):
+    trained = policy.observation["eyes"].model_copy(update={"frozen": False})
+    with pytest.raises(ValidationError, match="an encoder 'images' that is not frozen has no features to keep"):
+        EncodeConfig(encoder=trained)

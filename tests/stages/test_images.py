@@ -34,7 +34,7 @@ from stages.train import TrainConfig, train
 
 GAZE = View(camera="front", crop=GazeCrop(), width=24, height=32)
 WRIST = View(camera="wrist", width=32, height=24)
-CNN = {"kind": "small_cnn"}
+CNN = {"kind": "patch_cnn"}
 POLICY = PolicyConfig.model_validate(
     {
         "horizons": {"obs": 2, "pred": 8, "action": 4},

@@ -93,7 +93,7 @@ def test_a_view_without_images_is_called_by_its_name(group_of, tmp_path):
 @pytest.fixture
 def looking(policy_config):
     """A tiny policy that looks at one view."""
-    eyes = {"kind": "images", "views": {"wrist": VIEW}, "backbone": {"kind": "small_cnn"}, "projection": 8}
+    eyes = {"kind": "images", "views": {"wrist": VIEW}, "backbone": {"kind": "patch_cnn"}, "projection": 8}
     return PolicyConfig.model_validate({**policy_config.model_dump(), "observation": {"eyes": eyes}})
 
 

@@ -9,6 +9,7 @@ import torch
 from torch import nn
 
 from juicer.errors import ConfigError
+from juicer.policy.config import PolicyConfig
 from juicer.training.learner import Learner
 from juicer.training.ranks import Ranks
 from juicer.training.source import Batch
@@ -23,6 +24,7 @@ class SeesImages(nn.Module):
 
     def __init__(self):
         super().__init__()
+        self.config = PolicyConfig()
         self.net = nn.Sequential(nn.Conv2d(3, 8, 3), nn.GroupNorm(2, 8), nn.ReLU(), nn.Flatten(), nn.LazyLinear(80))
         self.net(torch.zeros(1, 3, 8, 8))
 
@@ -85,7 +87,7 @@ def test_a_machine_without_a_compiler_is_told_what_to_do(episodes, tasks, policy
 
 def test_batch_normalisation_on_processors_is_refused_to_several_processes():
     with pytest.raises(ConfigError, match="batch normalisation needs the whole batch"):
-        Ranks(0, 2).join(nn.BatchNorm2d(3), CPU)
+        Ranks(0, 2).join(nn.BatchNorm2d(3), CPU, images=64)
 
 
 def test_more_processes_than_samples_are_refused():

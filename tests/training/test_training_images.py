@@ -13,9 +13,13 @@ import torch
 from juicer.errors import UnusableWeights
 from juicer.policy.backbone import build_backbone
 from juicer.policy.backbones.efficientnet_lite.config import EfficientNetLiteConfig
-from juicer.policy.backbones.small_cnn.config import SmallCNNConfig
+from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 from juicer.policy.checkpoint import load_policy, save_checkpoint
 from juicer.policy.config import HorizonConfig, PolicyConfig
+from juicer.policy.encoder import outline
+from juicer.policy.encoders.estimated.config import EstimatedConfig
+from juicer.policy.encoders.estimated.estimator import build_estimator
+from juicer.policy.encoders.estimated.files import load_estimator, save_estimator
 from juicer.policy.encoders.images.config import ImagesConfig
 from juicer.policy.encoders.proprioception.config import ProprioceptionConfig
 from juicer.policy.heads.mlp.config import MLPHeadConfig
@@ -23,12 +27,12 @@ from juicer.policy.image_augmentation.config import ImageAugmentation
 from juicer.policy.pretrained.config import Weights
 from juicer.policy.served import ServedPolicy
 from juicer.training.fixed import FixedEncoder
-from juicer.training.trainer import train
+from juicer.training.trainer import LOADERS, default_loaders, train
 from juicer.training.windows import TrainingEpisodes
 from juicer.views import View
 
 VIEWS = {"front": View(camera="front", width=16, height=16), "wrist": View(camera="wrist", width=16, height=16)}
-SMALL = SmallCNNConfig(stem=4, quarter=4, eighth=4, quarter_maps=2, eighth_maps=2, grid=1)
+SMALL = PatchCNNConfig(quarter=4, quarter_blocks=0, eighth=4, eighth_blocks=1, maps=2, grid=1)
 
 
 @pytest.fixture
@@ -84,9 +88,10 @@ def with_features(episodes, policy, folder):
 
 @pytest.mark.parametrize("frozen", [False, True])
 def test_a_policy_that_sees_is_trained_saved_and_acts(frozen, seen, tasks, training_config, tmp_path):
-    policy = policy_of(frozen=frozen, augmentation=None if frozen else ImageAugmentation())
+    backbone = SMALL.model_copy(update={"weights": stored(build_backbone(SMALL, (16, 16)), tmp_path)})
+    policy = policy_of(backbone=backbone, frozen=frozen, augmentation=None if frozen else ImageAugmentation())
     learned = with_features(seen, policy, tmp_path)
-    trained = train([learned], policy, tasks, training_config, seed=0).checkpoint
+    trained = train([learned], policy, tasks, training_config, seed=0, weights=tmp_path).checkpoint
     save_checkpoint(tmp_path, trained)
     acting = load_policy(tmp_path, next(iter(tasks)))
     assert [spec.name for spec in acting.observations] == ["proprioception", *(view.name for view in VIEWS.values())]
@@ -158,3 +163,54 @@ def test_a_training_whose_weights_are_missing_says_which(seen, tasks, training_c
     policy = policy_of(backbone=EfficientNetLiteConfig(weights=Weights(file="a.pth", sha256="0" * 64, licence="MIT")))
     with pytest.raises(UnusableWeights, match=f"the weights 'a.pth' are not on this machine.*into '{tmp_path}'"):
         train([seen], policy, tasks, training_config, seed=0, weights=tmp_path)
+
+
+def test_batches_are_gathered_ahead_of_a_gpu_only_if_images_are_learned_from(tasks):
+    weights = Weights(file="any.pth", sha256="0" * 64, licence="MIT")
+    frozen = policy_of(backbone=SMALL.model_copy(update={"weights": weights}), frozen=True)
+    estimated = PolicyConfig(observation={"state": EstimatedConfig()})
+    loaders = {
+        name: default_loaders(outline(policy, tasks), torch.device("cuda"))
+        for name, policy in {"images": policy_of(), "frozen": frozen, "estimated": estimated}.items()
+    }
+    assert loaders == {"images": LOADERS, "frozen": 0, "estimated": 0}
+    assert default_loaders(outline(policy_of(), tasks), torch.device("cpu")) == 0
+
+
+def estimator_of(spec, folder, **backbone):
+    """An estimator's configuration, and the folder of one with random weights."""
+    settings = {"views": VIEWS, "backbone": {**SMALL.model_dump(), **backbone}, "width": 8}
+    config = EstimatedConfig.model_validate({"estimator": settings})
+    folder.mkdir()
+    save_estimator(folder, build_estimator(config, spec, seed=4), "toy")
+    return config
+
+
+def test_what_starts_from_an_estimator_says_so_and_so_does_what_starts_from_that(
+    seen, tasks, spec, training_config, tmp_path
+):
+    estimator_of(spec, tmp_path / "estimator")
+    place, part, learned = tmp_path / "estimator", "backbones.0.", []
+    for number in range(2):
+        (file,) = place.glob("weights.safetensors")
+        file.rename(tmp_path / f"{number}.safetensors")
+        digest = hashlib.sha256((tmp_path / f"{number}.safetensors").read_bytes()).hexdigest()
+        origin = Weights(file=f"{number}.safetensors", sha256=digest, licence="MIT", part=part)
+        policy = policy_of(backbone=SMALL.model_copy(update={"weights": origin}))
+        learned.append(train([seen], policy, tasks, training_config, seed=0, weights=tmp_path))
+        place, part = tmp_path / f"checkpoint{number}", "encoders.members.1.backbones.0."
+        save_checkpoint(place, learned[-1].checkpoint)
+    assert {each.observes for each in learned} == {"images, started from pose supervision"}
+    assert train([seen], policy_of(), tasks, training_config, seed=0).observes == "images"
+
+
+def test_a_policy_takes_its_estimator_as_it_has_learned_and_not_what_that_started_from(
+    episodes, tasks, spec, training_config, tmp_path
+):
+    origin = stored(build_backbone(SMALL, (16, 16)), tmp_path)
+    config = estimator_of(spec, tmp_path / "estimator", weights=origin.model_dump())
+    policy = policy_of().model_copy(update={"observation": {"state": config}})
+    folder = tmp_path / "estimator"
+    trained = train([episodes()], policy, tasks, training_config, seed=0, estimators=[folder], weights=tmp_path)
+    for name, value in load_estimator(folder).state_dict().items():
+        assert torch.equal(trained.checkpoint.weights[f"encoders.members.0.estimators.0.{name}"], value)

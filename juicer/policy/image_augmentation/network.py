@@ -14,9 +14,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from juicer.policy import draws
+from juicer.policy.backbone import FULL_BRIGHTNESS
 from juicer.policy.image_augmentation.config import ImageAugmentation
 
-FULL_BRIGHTNESS = 255
 _RGB_TO_YIQ = ((0.299, 0.587, 0.114), (0.596, -0.274, -0.322), (0.211, -0.523, 0.312))
 
 

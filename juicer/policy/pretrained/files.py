@@ -12,22 +12,33 @@ from juicer.policy.pretrained.config import Weights
 from juicer.policy.pretrained.known import known_file
 from juicer.reading import read_bounded
 
-DEFAULT_FOLDER = Path.home() / ".cache" / "juicer" / "weights"
+DEFAULT_FOLDER = Path("~/.cache/juicer/weights")
 MOST_BYTES = 2_000_000_000
 """Size of a file of weights; the largest of Table VII has a fifth of it."""
 
 
 def places(file: str, folder: Path) -> Iterator[Path]:
     """Where a file may lie, the best place first: the folder, its library's cache, the package that holds it."""
-    yield folder / file
     known = known_file(file)
+    named = [folder / file]
     if known is not None and known.also:
-        yield Path.home() / known.also
+        named.append(Path("~", known.also))
+    for place in named:
+        if (found := expanded(place)) is not None:
+            yield found
     if known is not None and known.package is not None:
         package, below = known.package
         spec = find_spec(package)
         for location in (spec and spec.submodule_search_locations) or ():
             yield Path(location) / below
+
+
+def expanded(path: Path) -> Path | None:
+    """The same with the user's home for ``~``; None if there is no such home."""
+    try:
+        return path.expanduser()
+    except RuntimeError:
+        return None
 
 
 def read_weights_file(weights: Weights, folder: Path) -> bytes:

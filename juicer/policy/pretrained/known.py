@@ -126,7 +126,7 @@ ROWS: tuple[Row, ...] = (
     Row("DINO, ViT-S/16", {"kind": "vit", "size": "small"}, "dino_vits16"),
     Row("MAE, ViT-B/16", {"kind": "vit", "size": "base"}, "mae_vitb16"),
     Row("EfficientNet-Lite0, ImageNet", {"kind": "efficientnet_lite"}, "efficientnet_lite0", is_in_paper=False),
-    Row("small CNN, from scratch", {"kind": "small_cnn"}, is_in_paper=False),
+    Row("patch CNN, from scratch", {"kind": "patch_cnn"}, is_in_paper=False),
 )
 """Table VII of the paper, and two encoders for processors beside it."""
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import io
+import json
 import logging
 import pickle
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from safetensors import SafetensorError
@@ -16,6 +17,7 @@ from torch import Tensor, nn
 
 from juicer.errors import UnusableWeights
 from juicer.policy.backbone import Backbone
+from juicer.policy.model_files import POSES_TAUGHT
 from juicer.policy.pretrained.config import Weights
 from juicer.policy.pretrained.files import read_weights_file
 from juicer.text import printable
@@ -25,11 +27,25 @@ WRAPPERS = ("r3m", "vip", "model", "state_dict")
 PREFIXES = ("module.", "convnet.")
 """What the names of weights begin with that were saved as a part of something."""
 SAFETENSORS = ".safetensors"
+_LENGTH_BYTES = 8
+"""Length of a safetensors file's header, in front of it."""
 
 logger = logging.getLogger(__name__)
 
 
-def load_pretrained(network: nn.Module, folder: Path) -> tuple[Weights, ...]:
+class Pretrained(NamedTuple):
+    """What a network started from.
+
+    Attributes:
+        weights: The file.
+        poses_taught: Whether true poses of parts taught some of it to read images, as the file itself says.
+    """
+
+    weights: Weights
+    poses_taught: bool
+
+
+def load_pretrained(network: nn.Module, folder: Path) -> tuple[Pretrained, ...]:
     """Fill every backbone of a network that is to start from pretrained weights.
 
     Args:
@@ -37,32 +53,34 @@ def load_pretrained(network: nn.Module, folder: Path) -> tuple[Weights, ...]:
         folder: Where files of weights are looked for first.
 
     Returns:
-        The weights that were taken, each once.
+        What was taken, each once.
 
     Raises:
         UnusableWeights: If a file is missing, is another one than meant, or holds something else than the weights of
             that backbone.
     """
     tensors: dict[Weights, dict[str, Tensor]] = {}
+    taken = []
     for backbone in network.modules():
         if not isinstance(backbone, Backbone) or (weights := backbone.config.weights) is None:
             continue
         if weights not in tensors:
-            tensors[weights] = read_tensors(weights, folder)
+            content = read_weights_file(weights, folder)
+            tensors[weights] = read_tensors(weights, content)
+            taken.append(Pretrained(weights, _poses_taught(weights.file, content)))
         _fill(backbone, tensors[weights], weights.file)
     for weights in tensors:
         if not weights.is_commercial:
             logger.warning("the weights '%s' may not be used commercially: %s", weights.file, weights.licence)
-    return tuple(tensors)
+    return tuple(taken)
 
 
-def read_tensors(weights: Weights, folder: Path) -> dict[str, Tensor]:
-    """Tensors of a file by name, without what others have put around them.
+def read_tensors(weights: Weights, content: bytes) -> dict[str, Tensor]:
+    """Tensors by name in the content of a file, without what others have put around them.
 
     Raises:
         UnusableWeights: See :func:`load_pretrained`.
     """
-    content = read_weights_file(weights, folder)
     found = _unpacked(content, weights.file)
     wrapped = next((found[name] for name in WRAPPERS if isinstance(found.get(name), Mapping)), found)
     named = {str(name): value for name, value in wrapped.items() if isinstance(value, Tensor)}
@@ -90,6 +108,14 @@ def _unpacked(content: bytes, file: str) -> Mapping[str, Any]:
     return found
 
 
+def _poses_taught(file: str, content: bytes) -> bool:
+    """What a file that could be read as safetensors says of how it was taught."""
+    if not file.endswith(SAFETENSORS):
+        return False
+    header = json.loads(content[_LENGTH_BYTES : _LENGTH_BYTES + int.from_bytes(content[:_LENGTH_BYTES], "little")])
+    return POSES_TAUGHT.items() <= (header.get("__metadata__") or {}).items()
+
+
 def _without_prefixes(name: str) -> str:
     for prefix in PREFIXES:
         name = name.removeprefix(prefix)
@@ -99,9 +125,9 @@ def _without_prefixes(name: str) -> str:
 def _fill(backbone: Backbone, tensors: Mapping[str, Tensor], file: str) -> None:
     own, given = backbone.state_dict(), backbone.adapted(tensors)
     differences = [
-        *_told("are missing", own.keys() - given.keys()),
-        *_told("belong elsewhere", given.keys() - own.keys()),
-        *_told(
+        *_difference("are missing", own.keys() - given.keys()),
+        *_difference("belong elsewhere", given.keys() - own.keys()),
+        *_difference(
             "have another shape", {name for name in own.keys() & given.keys() if own[name].shape != given[name].shape}
         ),
     ]
@@ -115,5 +141,5 @@ def _fill(backbone: Backbone, tensors: Mapping[str, Tensor], file: str) -> None:
     backbone.load_state_dict(given)
 
 
-def _told(what: str, names: set[str]) -> list[str]:
+def _difference(what: str, names: set[str]) -> list[str]:
     return [f"{len(names)} {what} (e.g. '{printable(min(names))}')"] if names else []

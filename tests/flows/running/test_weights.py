@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pwd
 from dataclasses import replace
 
 import pytest
@@ -11,7 +12,7 @@ from flows.running.plan import plan, require_weights
 from flows.running.settings import Settings
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import UnusableWeights
-from juicer.policy.pretrained.files import DEFAULT_FOLDER
+from juicer.policy.pretrained.files import DEFAULT_FOLDER, places
 
 SEEING = """
 flow: study
@@ -59,6 +60,19 @@ def test_the_digest_and_not_the_place_is_a_part_of_what_is_trained(planned):
 
 
 def test_the_folder_of_weights_is_a_setting(monkeypatch, tmp_path):
-    assert Settings().machine.weights == DEFAULT_FOLDER
+    assert Settings().machine.weights == DEFAULT_FOLDER.expanduser()
     monkeypatch.setenv("JUICER_WEIGHTS", str(tmp_path / "weights"))
     assert Settings().machine.weights == tmp_path / "weights"
+
+
+def test_a_user_without_a_home_has_weights_in_the_data_folder(monkeypatch, tmp_path):
+    def nobody(number):
+        raise KeyError(number)
+
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr(pwd, "getpwuid", nobody)
+    monkeypatch.setenv("JUICER_DATA", str(tmp_path))
+    folder = Settings().machine.weights
+    assert folder == tmp_path / "weights"
+    assert list(places("resnet18-f37072fd.pth", folder)) == [folder / "resnet18-f37072fd.pth"]
+    assert list(places("resnet18-f37072fd.pth", DEFAULT_FOLDER)) == []

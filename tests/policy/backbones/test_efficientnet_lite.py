@@ -12,8 +12,8 @@ from PIL import Image
 
 from juicer.policy.backbone import Pixels, build_backbone
 from juicer.policy.backbones.efficientnet_lite.config import EfficientNetLiteConfig
-from juicer.policy.pretrained.files import places
-from juicer.policy.pretrained.loading import load_pretrained, read_tensors
+from juicer.policy.pretrained.files import places, read_weights_file
+from juicer.policy.pretrained.loading import Pretrained, load_pretrained, read_tensors
 
 CONFIG = EfficientNetLiteConfig(weights="efficientnet_lite0")
 MILITARY_UNIFORM = 652
@@ -26,8 +26,8 @@ NOWHERE = Path("/nowhere")
 )
 def test_it_sees_an_admiral_in_her_uniform():
     backbone = build_backbone(CONFIG, (224, 224)).eval()
-    assert load_pretrained(backbone, NOWHERE) == (CONFIG.weights,)
-    file = read_tensors(CONFIG.weights, NOWHERE)
+    assert load_pretrained(backbone, NOWHERE) == (Pretrained(CONFIG.weights, False),)
+    file = read_tensors(CONFIG.weights, read_weights_file(CONFIG.weights, NOWHERE))
     assert len(file) == 296
     assert sum(file[name].numel() for name, _ in backbone.named_parameters()) == 3_371_008
     with Image.open(Path(matplotlib.get_data_path()) / "sample_data" / "grace_hopper.jpg") as portrait:

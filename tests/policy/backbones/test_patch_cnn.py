@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from juicer.policy.backbone import build_backbone
+from juicer.policy.backbone import SpatialSoftmax, build_backbone
 from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 
 
@@ -10,7 +10,7 @@ from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 def test_features_have_the_length_that_was_said_whatever_the_size(size, settings):
     config = PatchCNNConfig(**settings)
     backbone = build_backbone(config, size)
-    assert backbone(torch.zeros(2, 3, *size)).shape == (2, backbone.num_features) == (2, config.rough_features())
+    assert backbone(torch.zeros(2, 3, *size)).shape == (2, config.num_features)
 
 
 @pytest.mark.parametrize("settings", [{}, {"quarter": 128, "eighth": 256, "eighth_blocks": 4}])
@@ -29,3 +29,12 @@ def test_it_sees_the_same_however_images_lie_in_memory():
     backbone = build_backbone(PatchCNNConfig(), (32, 32))
     images = torch.rand(2, 3, 32, 32, generator=torch.Generator().manual_seed(0))
     torch.testing.assert_close(backbone(images.contiguous(memory_format=torch.channels_last)), backbone(images))
+
+
+def test_the_place_of_a_bright_spot_is_told_to_the_pixel_also_in_bfloat16():
+    softmax = SpatialSoftmax(1, 1)
+    torch.nn.init.constant_(softmax.maps.weight, 100.0)
+    image = torch.zeros(1, 1, 101, 201)
+    image[0, 0, 25, 150] = 1
+    with torch.autocast("cpu", torch.bfloat16):
+        assert softmax(image).tolist() == [pytest.approx([0.5, -0.5], abs=1e-4)]

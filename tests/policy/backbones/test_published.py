@@ -56,7 +56,7 @@ def test_features_are_those_of_the_published_networks(kind, settings, size, feat
     backbone = fill(build_backbone(BACKBONES.members[kind](**settings), size))
     with torch.no_grad():
         computed = backbone(fixed_images(*size))
-    assert computed.shape == (3, backbone.num_features)
+    assert computed.shape == (3, backbone.config.num_features)
     torch.testing.assert_close(computed[:, :3], torch.tensor(features), atol=1e-4, rtol=0)
 
 

@@ -10,13 +10,17 @@ from pydantic import ValidationError
 from juicer.config import parse_config
 from juicer.errors import ConfigError, InvalidObservation
 from juicer.policy.acting import TrainedPolicy
+from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 from juicer.policy.config import PolicyConfig, rough_parameters
 from juicer.policy.encoder import Encoders, build_encoder
 from juicer.policy.encoders.images.config import ImagesConfig
 from juicer.policy.image_augmentation.config import ImageAugmentation
 from juicer.policy.network import build_policy
+from juicer.policy.pretrained.config import Weights
 from juicer.views import View
 
+FILED = PatchCNNConfig(weights=Weights(file="any.pth", sha256="0" * 64, licence="MIT"))
+"""A backbone that may be frozen; its file is needed by nobody here."""
 VIEWS = {"front": View(camera="front", width=32, height=24), "wrist": View(camera="wrist", width=16, height=16)}
 
 
@@ -68,7 +72,7 @@ def test_what_is_prepared_is_flat_so_that_anybody_can_take_rows_of_it(tasks, obs
 
 def test_what_is_trained_is_trained_in_every_view_and_what_is_frozen_in_none(tasks):
     for frozen in (False, True):
-        encoder = build_encoder(ImagesConfig(views=VIEWS, frozen=frozen), tasks, obs_horizon=2)
+        encoder = build_encoder(ImagesConfig(views=VIEWS, backbone=FILED, frozen=frozen), tasks, obs_horizon=2)
         encoder(encoder.prepare(images_of(encoder))).sum().backward()
         assert len(encoder.backbones) == (1 if frozen else 2)
         assert all((each.grad is None) is frozen for each in encoder.backbones.parameters())
@@ -83,13 +87,13 @@ def test_two_names_may_show_one_view(tasks):
 @pytest.mark.parametrize("frozen", [True, False])
 @pytest.mark.parametrize("projection", [128, None])
 def test_the_size_of_a_policy_that_sees_is_known_before_it_is_built(tasks, frozen, projection):
-    images = ImagesConfig(frozen=frozen, projection=projection)
+    images = ImagesConfig(backbone=FILED, frozen=frozen, projection=projection)
     config = PolicyConfig(observation={"images": images}, head={"kind": "mlp"})
     assert rough_parameters(config) == pytest.approx(build_policy(config, tasks, 0).num_parameters, rel=0.05)
 
 
 def test_a_policy_too_large_for_memory_is_refused_before_it_is_built():
-    backbone = {"kind": "small_cnn", "eighth": 1024, "grid": 16}
+    backbone = {"kind": "patch_cnn", "eighth": 1024, "grid": 16}
     images = {"kind": "images", "backbone": backbone, "projection": 16_384}
     with pytest.raises(ConfigError, match=r"a policy of about .* weights is too large"):
         parse_config({"observation": {"images": images}}, PolicyConfig, origin="test")
@@ -114,7 +118,10 @@ def test_an_image_that_is_none_of_its_view_is_refused_when_acting(values, senten
 
 def test_a_view_too_small_for_the_backbone_is_refused_in_a_sentence():
     images = {"kind": "images", "views": {"front": {"camera": "front", "width": 4}}}
-    with pytest.raises(ConfigError, match=r"observation\.images.*a small_cnn takes images of at least 8x8 pixels"):
+    with pytest.raises(
+        ConfigError,
+        match=r"observation\.images.*a patch_cnn takes images whose .* multiples of 8 pixels",
+    ):
         parse_config({"observation": {"images": images}}, PolicyConfig, origin="test")
 
 
@@ -153,13 +160,13 @@ def test_only_the_middle_of_a_cropped_view_is_seen_when_acting(tasks):
         ({"crops": {"wrist": {"width": 8, "height": 20}}}, "the crop of 'wrist' is larger than its 16x16 pixels"),
         ({"augmentation": {"blur_kernel": 31}, "crops": {}, "backbone": {"kind": "resnet"}}, None),
         (
-            {"augmentation": {"blur_kernel": 31}, "views": {"a": {"camera": "front", "width": 15, "height": 20}}},
-            "the blur of 'a' reaches beyond its 15x20 pixels",
+            {"augmentation": {"blur_kernel": 31}, "views": {"a": {"camera": "front", "width": 8, "height": 16}}},
+            "the blur of 'a' reaches beyond its 8x16 pixels",
         ),
         (
             {
                 "frozen": True,
-                "backbone": {"kind": "vit"},
+                "backbone": {"kind": "vit", "weights": FILED.weights.model_dump()},
                 "views": {"a": {"camera": "front"}, "b": {"camera": "wrist", "width": 32}},
             },
             "a frozen vit is one for all views: give these one size",
@@ -179,7 +186,8 @@ def test_crops_and_blurs_that_do_not_fit_are_refused_in_a_sentence(settings, sen
 def test_what_is_frozen_sees_the_middle_of_an_image_and_no_variation():
     view = View(camera="front", width=32, height=24)
     crop = {"front": {"width": 16, "height": 16}}
-    encoder = build_encoder(ImagesConfig(views={"front": view}, crops=crop, frozen=True), {}, obs_horizon=1)
+    config = ImagesConfig(views={"front": view}, crops=crop, backbone=FILED, frozen=True)
+    encoder = build_encoder(config, {}, obs_horizon=1)
     images = torch.randint(0, 256, (4, 24, 32, 3), dtype=torch.uint8)
     edges = images.clone()
     edges[:, :, :8] = 0
@@ -189,13 +197,27 @@ def test_what_is_frozen_sees_the_middle_of_an_image_and_no_variation():
     for other in seen[1:]:
         torch.testing.assert_close(other, seen[0])
     with pytest.raises(ValidationError, match="what is frozen sees every image once, before the training: leave out"):
-        ImagesConfig(views={"front": view}, frozen=True, augmentation=ImageAugmentation())
+        ImagesConfig(views={"front": view}, backbone=FILED, frozen=True, augmentation=ImageAugmentation())
 
 
 def test_features_have_a_name_for_what_computes_them_and_none_for_what_is_learned():
-    frozen = ImagesConfig(frozen=True)
+    frozen = ImagesConfig(backbone=FILED, frozen=True)
     (front, wrist) = frozen.fixed_parts
     assert frozen.column("front") == front.column("only") != frozen.column("wrist") == wrist.column("only")
-    assert ImagesConfig(frozen=True, projection=None).column("front") == frozen.column("front")
+    assert ImagesConfig(backbone=FILED, frozen=True, projection=None).column("front") == frozen.column("front")
     assert ImagesConfig().fixed_parts == ()
     assert frozen.learned_views == ()
+
+
+@pytest.mark.parametrize(
+    ("backbone", "name"),
+    [
+        ({"kind": "patch_cnn"}, "patch_cnn"),
+        ({"kind": "resnet", "pool": "spatial_softmax"}, "resnet pool=spatial_softmax"),
+        ({"kind": "resnet", "pool": "spatial_softmax", "weights": "resnet18_imagenet"}, "resnet pool=spatial_softmax"),
+    ],
+)
+def test_what_is_frozen_comes_from_a_file_as_a_whole(backbone, name):
+    with pytest.raises(ValidationError, match=f"a frozen backbone keeps .* those of {name} are random"):
+        ImagesConfig.model_validate({"frozen": True, "backbone": backbone})
+    assert ImagesConfig.model_validate({"backbone": backbone})

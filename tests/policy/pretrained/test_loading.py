@@ -14,10 +14,10 @@ from safetensors.torch import save
 
 from juicer.errors import UnusableWeights
 from juicer.policy.backbone import build_backbone
+from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 from juicer.policy.backbones.resnet.config import ResNetConfig
-from juicer.policy.backbones.small_cnn.config import SmallCNNConfig
 from juicer.policy.backbones.vit.config import ViTConfig
-from juicer.policy.pretrained.loading import load_pretrained
+from juicer.policy.pretrained.loading import Pretrained, load_pretrained
 from tests.policy.backbones.fixed import fixed_weights
 
 
@@ -43,7 +43,7 @@ def torchvision_state(depth=18, classes=1000):
 def filled(config, weights, folder, size=(64, 64)):
     backbone = build_backbone(config.model_copy(update={"weights": weights}), size)
     before = {name: value.clone() for name, value in backbone.state_dict().items()}
-    assert load_pretrained(torch.nn.Sequential(backbone), folder) == (weights,)
+    assert load_pretrained(torch.nn.Sequential(backbone), folder) == (Pretrained(weights, False),)
     return before, backbone.state_dict()
 
 
@@ -104,12 +104,20 @@ def test_a_file_of_mae_fills_a_vit_of_any_size(store, folder):
 
 
 def test_a_file_of_ones_own_may_be_safetensors_of_which_a_part_is_taken(store, folder):
-    config = SmallCNNConfig()
+    config = PatchCNNConfig()
     shapes = {name: value.shape for name, value in build_backbone(config, (32, 32)).state_dict().items()}
     state = fixed_weights(shapes)
     content = save({**{f"front.{name}": value for name, value in state.items()}, "head.bias": torch.zeros(3)})
     _, loaded = filled(config, store(content, "mine.safetensors", part="front."), folder, size=(32, 32))
     assert all(torch.equal(value, state[name]) for name, value in loaded.items())
+
+
+def test_a_spatial_softmax_takes_its_maps_from_a_file_that_has_them_and_else_keeps_its_own(store, folder):
+    config = ResNetConfig(pool="spatial_softmax")
+    learned = fixed_weights({"pool.maps.weight": torch.Size([32, 512, 1, 1]), "pool.maps.bias": torch.Size([32])})
+    for state, expected in ((torchvision_state(), None), ({**torchvision_state(), **learned}, learned)):
+        before, loaded = filled(config, store(state), folder)
+        assert all(torch.equal(loaded[name], (expected or before)[name]) for name in learned)
 
 
 @pytest.mark.parametrize(
@@ -178,7 +186,7 @@ def test_a_licence_that_allows_no_commercial_use_is_said_once(store, folder, cap
     weights = store(torchvision_state()).model_copy(update={"licence": "CC-BY-NC-4.0"})
     two = [build_backbone(ResNetConfig(weights=weights), (32, 32)) for _ in range(2)]
     with caplog.at_level(logging.WARNING):
-        assert load_pretrained(torch.nn.ModuleList(two), folder) == (weights,)
+        assert [each.weights for each in load_pretrained(torch.nn.ModuleList(two), folder)] == [weights]
     assert [record.getMessage() for record in caplog.records] == [
         "the weights 'mine.pth' may not be used commercially: CC-BY-NC-4.0"
     ]

@@ -18,8 +18,9 @@ class EfficientNetLiteConfig(BackboneConfig):
     kind: Literal["efficientnet_lite"] = "efficientnet_lite"
     variant: Literal["lite0"] = "lite0"
 
-    def rough_features(self) -> int:
-        """Exactly, as it happens."""
+    @property
+    def num_features(self) -> int:
+        """See :class:`juicer.policy.members.BackboneConfig`."""
         return FEATURES
 
     def rough_parameters(self) -> int:

@@ -82,7 +82,6 @@ class EfficientNetLite(Backbone):
 
     def __init__(self, config: EfficientNetLiteConfig, size: tuple[int, int]) -> None:
         super().__init__()
-        self.num_features = FEATURES
         self._conv_stem = SamePadded(3, STEM, 3, 2)
         self._bn0 = _norm(STEM)
         blocks, inputs = [], STEM

@@ -41,8 +41,9 @@ class PatchCNNConfig(BackboneConfig):
         if height % (2 * PATCH) or width % (2 * PATCH):
             raise ValueError(f"a patch_cnn takes images whose height and width are multiples of {2 * PATCH} pixels")
 
-    def rough_features(self) -> int:
-        """Exactly, as it happens."""
+    @property
+    def num_features(self) -> int:
+        """See :class:`juicer.policy.members.BackboneConfig`."""
         return 4 * self.maps + self.eighth * self.grid**2
 
     def rough_parameters(self) -> int:

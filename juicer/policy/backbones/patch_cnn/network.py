@@ -42,7 +42,6 @@ class PatchCNN(Backbone):
         self.quarter_places = SpatialSoftmax(quarter, config.maps)
         self.eighth_places = SpatialSoftmax(eighth, config.maps)
         self.grid = nn.AdaptiveAvgPool2d(config.grid)
-        self.num_features = config.rough_features()
 
     def forward(self, images: Tensor) -> Tensor:
         """See :class:`juicer.policy.backbone.Backbone`."""

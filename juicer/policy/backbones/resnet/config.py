@@ -40,6 +40,11 @@ class ResNetConfig(BackboneConfig):
     )
 
     @property
+    def is_wholly_pretrained(self) -> bool:
+        """See :class:`juicer.policy.members.BackboneConfig`; published files have no maps of a spatial softmax."""
+        return self.weights is not None and self.pool == "average"
+
+    @property
     def pooled(self) -> int:
         """Numbers behind the pooling."""
         return 2 * self.maps if self.pool == "spatial_softmax" else self.channels
@@ -49,8 +54,9 @@ class ResNetConfig(BackboneConfig):
         """Channels of the last block."""
         return CHANNELS[-1] * EXPANSION[self.depth]
 
-    def rough_features(self) -> int:
-        """Exactly, as it happens."""
+    @property
+    def num_features(self) -> int:
+        """See :class:`juicer.policy.members.BackboneConfig`."""
         return self.outputs or self.pooled
 
     def rough_parameters(self) -> int:

@@ -82,7 +82,6 @@ class ResNet(Backbone):
             else nn.Sequential(nn.AdaptiveAvgPool2d(1), nn.Flatten())
         )
         self.fc = nn.Linear(config.pooled, config.outputs) if config.outputs else nn.Identity()
-        self.num_features = config.rough_features()
         _initialise(self)
 
     def forward(self, images: Tensor) -> Tensor:
@@ -98,13 +97,13 @@ class ResNet(Backbone):
         """State of this network by a file of torchvision, timm, R3M or VIP.
 
         The classifier is left out, and so is what group normalisation does not have, or does not take over; it keeps
-        its own.
+        its own, as the spatial softmax does where the file has none.
         """
         own = self.state_dict()
         state = {name: value for name, value in weights.items() if not self._is_foreign(name)}
         kept = {} if self.keeps_affine else {name: own[name] for name in own if _is_normalisation(name)}
         scratch = {name: own[name] for name in own if name.startswith("pool.")}
-        return {**state, **kept, **scratch}
+        return {**scratch, **state, **kept}
 
     def _is_foreign(self, name: str) -> bool:
         is_classifier = name.startswith("fc.") and isinstance(self.fc, nn.Identity)

@@ -32,8 +32,9 @@ class ViTConfig(BackboneConfig):
         if height % PATCH or width % PATCH:
             raise ValueError(f"a vit takes images whose sides are multiples of {PATCH} pixels, not {width}x{height}")
 
-    def rough_features(self) -> int:
-        """Exactly, as it happens."""
+    @property
+    def num_features(self) -> int:
+        """See :class:`juicer.policy.members.BackboneConfig`."""
         return WIDTHS[self.size]
 
     def rough_parameters(self) -> int:

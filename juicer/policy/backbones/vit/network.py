@@ -81,7 +81,7 @@ class ViT(Backbone):
 
     def __init__(self, config: ViTConfig, size: tuple[int, int]) -> None:
         super().__init__()
-        width = self.num_features = WIDTHS[config.size]
+        width = WIDTHS[config.size]
         self.grid = (size[0] // PATCH, size[1] // PATCH)
         self.cls_token = nn.Parameter(torch.zeros(1, 1, width))
         self.pos_embed = nn.Parameter(torch.zeros(1, 1 + self.grid[0] * self.grid[1], width))

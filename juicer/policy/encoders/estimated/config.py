@@ -77,7 +77,7 @@ class EstimatedConfig(EncoderConfig):
     def rough_parameters(self) -> int:
         """Those of one estimator; a policy for several tasks has as many estimators."""
         estimator = self.estimator
-        seen = len(estimator.views) * estimator.backbone.rough_features()
+        seen = len(estimator.views) * estimator.backbone.num_features
         return len(estimator.views) * estimator.backbone.rough_parameters() + estimator.width * (
             seen + estimator.width // 2
         )

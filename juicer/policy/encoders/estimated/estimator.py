@@ -9,13 +9,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from juicer.episode import PROPRIOCEPTION_SIZE
-from juicer.policy.backbone import Pixels, build_backbone
+from juicer.policy.backbone import Pixels, build_backbone, to_shares
 from juicer.policy.config import FeatureSpec
 from juicer.policy.encoders.estimated.config import EstimatedConfig
 from juicer.policy.encoders.features.features import num_choices, num_features
 from juicer.policy.normalizer import Normalizer
-
-FULL_BRIGHTNESS = 255
 
 READ = (*range(9), 15)
 """What is taken from the proprioception: position, rotation and opening of the gripper. Velocities would tell how far a
@@ -50,7 +48,7 @@ class Estimator(nn.Module):
         backbones = [build_backbone(estimator.backbone, (v.height, v.width)) for v in estimator.views.values()]
         self.backbones = nn.ModuleList(backbones)
         width, half = estimator.width, estimator.width // 2
-        seen = len(READ) + sum(backbone.num_features for backbone in backbones)
+        seen = len(READ) + len(backbones) * estimator.backbone.num_features
         self.together = nn.Sequential(nn.Linear(seen, width), nn.ReLU())
         self.choice = nn.Linear(width, self.num_choices)
         self.head = nn.Sequential(
@@ -81,8 +79,7 @@ class Estimator(nn.Module):
         offset, scale = self.normalizer.offset[:PROPRIOCEPTION_SIZE], self.normalizer.scale[:PROPRIOCEPTION_SIZE]
         read = ((proprioception - offset) / scale)[:, READ]
         found = [
-            backbone(self.pixels(image.permute(0, 3, 1, 2).float() / FULL_BRIGHTNESS))
-            for backbone, image in zip(self.backbones, images, strict=True)
+            backbone(self.pixels(to_shares(image))) for backbone, image in zip(self.backbones, images, strict=True)
         ]
         together: Tensor = self.together(torch.cat([*found, read], dim=-1))
         return together

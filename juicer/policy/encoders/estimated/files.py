@@ -44,7 +44,7 @@ def save_estimator(folder: Path, estimator: Estimator) -> None:
     (folder / ESTIMATOR_FILE).write_text(metadata.model_dump_json(indent=2) + "\n")
     # Where it has learned, its weights may lie in memory as is quickest there.
     weights = {name: value.cpu().contiguous() for name, value in estimator.state_dict().items()}
-    write_weights(folder / WEIGHTS_FILE, weights)
+    write_weights(folder / WEIGHTS_FILE, weights, poses_taught=True)
 
 
 def load_estimator(folder: Path) -> Estimator:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from juicer.config import StrictConfig, canonical_json
-from juicer.policy.backbones.small_cnn.config import SmallCNNConfig
+from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 from juicer.policy.image_augmentation.config import ImageAugmentation
 from juicer.policy.members import BACKBONES, BackboneConfig, EncoderConfig, Size
 from juicer.views import MAX_HEIGHT, MAX_WIDTH, View
@@ -43,7 +43,7 @@ class ImagesConfig(EncoderConfig):
         description="what is looked at, by names of one's choice",
     )
     backbone: AnyBackbone = Field(
-        default=SmallCNNConfig(),
+        default=PatchCNNConfig(),
         description="network from an image to features: one a view where it is trained, one for all where it is frozen",
     )
     frozen: bool = Field(default=False, description="whether the backbone stays as it is; projections learn anyway")
@@ -81,6 +81,17 @@ class ImagesConfig(EncoderConfig):
         return self
 
     @model_validator(mode="after")
+    def _frozen_is_not_random(self) -> Self:
+        # Features are computed once and the policy acts through another copy of the network: both come from one file.
+        if self.frozen and not self.backbone.is_wholly_pretrained:
+            raise ValueError(
+                f"a frozen backbone keeps the weights that it starts from, and those of {self.backbone.described()} "
+                "are random, all or some of them: take one that comes from a file of weights as a whole, or train it "
+                "(frozen: false)"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _one_for_all_sees_one_size(self) -> Self:
         sizes = {self.seen_size(name) for name in self.views}
         if self.frozen and self.backbone.is_of_one_size and len(sizes) > 1:
@@ -115,10 +126,10 @@ class ImagesConfig(EncoderConfig):
 
     def rough_features(self) -> int:
         """See :class:`juicer.policy.members.EncoderConfig`."""
-        return len(self.views) * (self.projection or self.backbone.rough_features())
+        return len(self.views) * (self.projection or self.backbone.num_features)
 
     def rough_parameters(self) -> int:
         """See :class:`juicer.policy.members.EncoderConfig`."""
         backbones = 1 if self.frozen else len(self.views)
-        projections = len(self.views) * (self.projection or 0) * self.backbone.rough_features()
+        projections = len(self.views) * (self.projection or 0) * self.backbone.num_features
         return backbones * self.backbone.rough_parameters() + projections

@@ -10,10 +10,10 @@ import torch
 from torch import Tensor, nn
 
 from juicer.episode import ArraySpec, Role
-from juicer.policy.backbone import Backbone, Pixels, build_backbone
+from juicer.policy.backbone import Backbone, Pixels, build_backbone, to_shares
 from juicer.policy.encoder import ObservationEncoder
 from juicer.policy.encoders.images.config import ImagesConfig
-from juicer.policy.image_augmentation.network import FULL_BRIGHTNESS, augmented, centre_crop, random_crop
+from juicer.policy.image_augmentation.network import augmented, centre_crop, random_crop
 from juicer.policy.tasks import Tasks
 
 
@@ -38,7 +38,7 @@ class ImagesEncoder(ObservationEncoder):
         )
         if config.frozen:
             self.backbones.requires_grad_(False)
-        num_features = self._backbone(0).num_features
+        num_features = config.backbone.num_features
         self.projections = nn.ModuleList(
             nn.Linear(num_features, config.projection) if config.projection else nn.Identity() for _ in self.views
         )
@@ -53,7 +53,7 @@ class ImagesEncoder(ObservationEncoder):
         if not self.frozen:
             return self.observations
         names = dict.fromkeys(map(self.config.column, self.views))
-        return tuple(ArraySpec(name, (self._backbone(0).num_features,), "float32", Role.DERIVED) for name in names)
+        return tuple(ArraySpec(name, (self.config.backbone.num_features,), "float32", Role.DERIVED) for name in names)
 
     def prepare(self, observations: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
         """By the names of the views the images themselves, or their features ``(..., C)``."""
@@ -114,4 +114,4 @@ def brightness(images: Tensor, config: ImagesConfig, name: str, is_training: boo
     if is_training and config.augmentation is not None:
         varied = augmented(images, config.augmentation).flatten(0, 1)
         return varied.contiguous(memory_format=torch.channels_last)
-    return images.flatten(0, 1).permute(0, 3, 1, 2).float() / FULL_BRIGHTNESS
+    return to_shares(images.flatten(0, 1))

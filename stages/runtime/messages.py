@@ -21,12 +21,12 @@ from stages.runtime.context import StageContext
 REPORT_SECONDS = 0.1
 _LOGGERS = ("juicer", "stages")
 
-Told = tuple[str, Any]
+Message = tuple[str, Any]
 """A kind (``progress``, ``metrics``, ``log``, ``error`` or ``summary``), and what is told."""
 
 
-def mute(context: StageContext) -> StageContext:
-    """The context as it can be sent to a process, which has a voice of its own there."""
+def without_listeners(context: StageContext) -> StageContext:
+    """The context as it can be sent to a process, whose listeners are here."""
     return replace(context, progress=silent_progress, metrics=NullMetricSink())
 
 
@@ -49,25 +49,25 @@ def work_for_parent(
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))
     threading.Thread(target=_end_with_parent, args=(guarded,), daemon=True).start()
-    voice = _Voice(sending)
+    sender = _Sender(sending)
     for name in _LOGGERS:
         logger = logging.getLogger(name)
-        logger.handlers, logger.propagate = [_Forwarder(voice)], False
+        logger.handlers, logger.propagate = [_LogSender(sender)], False
         logger.setLevel(logging.INFO)
     try:
-        work(replace(context, progress=voice.progress, metrics=voice))
-        voice.say("summary", context.draft.summary)
+        work(replace(context, progress=sender.progress, metrics=sender))
+        sender.send("summary", context.draft.summary)
         done = True
     except Exception as error:
-        voice.say("error", portable(error, stage))
+        sender.send("error", portable(error, stage))
         done = False
     sending.close()
     return done
 
 
-def pass_on(told: Told, context: StageContext) -> None:
+def forward(message: Message, context: StageContext) -> None:
     """Have the listeners of a context hear what a process told."""
-    kind, content = told
+    kind, content = message
     if kind == "progress":
         done, total, facts = content
         context.progress(done, total, **facts)
@@ -87,7 +87,7 @@ def portable(error: Exception, stage: str) -> Exception:
     return error
 
 
-def obituary(process: str, status: int | None) -> str:
+def describe_end(process: str, status: int | None) -> str:
     """What is to be said of a process that ended without a word."""
     if status is not None and status < 0:
         cause = signal.Signals(-status).name
@@ -104,7 +104,7 @@ def _end_with_parent(guarded: Connection) -> None:
         os._exit(1)
 
 
-class _Voice:
+class _Sender:
     """The working process's way to tell its parent: progress listener and metric sink."""
 
     def __init__(self, sending: Connection) -> None:
@@ -112,7 +112,7 @@ class _Voice:
         self._lock = threading.Lock()
         self._due = 0.0
 
-    def say(self, kind: str, content: Any) -> None:
+    def send(self, kind: str, content: Any) -> None:
         with self._lock:
             self._sending.send((kind, content))
 
@@ -120,17 +120,17 @@ class _Voice:
         now = time.monotonic()
         if now >= self._due or done == total:
             self._due = now + REPORT_SECONDS
-            self.say("progress", (done, total, facts))
+            self.send("progress", (done, total, facts))
 
     def log(self, metrics: Mapping[str, float], step: int) -> None:
-        self.say("metrics", (dict(metrics), step))
+        self.send("metrics", (dict(metrics), step))
 
 
-class _Forwarder(logging.Handler):
-    def __init__(self, voice: _Voice) -> None:
+class _LogSender(logging.Handler):
+    def __init__(self, sender: _Sender) -> None:
         super().__init__()
-        self._voice = voice
+        self._sender = sender
 
     def emit(self, record: logging.LogRecord) -> None:
         record.msg, record.args, record.exc_info = record.getMessage(), None, None
-        self._voice.say("log", record)
+        self._sender.send("log", record)

@@ -1,1 +1,0 @@
-"""A small convolutional network of our own, fast on CPUs."""
