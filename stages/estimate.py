@@ -80,7 +80,7 @@ def estimate(context: StageContext, *, episodes: ArtifactRef, annotations: Artif
         "task": task.name,
         "states": estimator.states,
         "steps": estimator.steps,
-        DRAWN_BY: sorted({each.drawn_by for each in lessons.values()}),
+        DRAWN_BY: sorted({name for each in lessons.values() for name in each.drawn_by}),
         "train/loss": learned.loss,
         "validation/loss": learned.errors.loss,
         "error_mm": dict(learned.errors.error_mm),

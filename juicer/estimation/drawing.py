@@ -59,11 +59,11 @@ def draw_lessons(
     needed = total * sum(view.width * view.height * 3 for view in views)
     require_room(folder, needed, f"the images of {total:,} displaced states")
     scenes = _Remembered(displaced(reader, chosen.steps, displacements, seed), BATCH)
-    task, drawn, drawn_by = reader.records[0].task, {}, ""
+    task, drawn, drawn_by = reader.records[0].task, {}, set[str]()
     for number, view in enumerate(views):
         images = np.memmap(folder / view.name, np.uint8, "w+", shape=(total, view.height, view.width, 3))
         with DrawingProcesses(task, view, workers) as processes:
-            drawn_by = processes.gl
+            drawn_by |= {*processes.drawn_by}
             for batch, found in enumerate(processes.draw(scenes.batches())):
                 done = min((batch + 1) * BATCH, total)
                 images[batch * BATCH : done] = found
@@ -74,8 +74,8 @@ def draw_lessons(
         "part_poses": np.stack([scene.part_poses for scene in scenes.all]),
     }
     with (folder / DONE_FILE).open("wb") as file:
-        np.savez(file, allow_pickle=False, drawn_by=drawn_by, **observations)
-    return Lessons(drawn, observations, chosen.critical_states, drawn_by)
+        np.savez(file, allow_pickle=False, drawn_by=sorted(drawn_by), **observations)
+    return Lessons(drawn, observations, chosen.critical_states, tuple(sorted(drawn_by)))
 
 
 def _drawn_before(folder: Path, chosen: ChosenSteps, views: Collection[View]) -> Lessons:
@@ -87,7 +87,7 @@ def _drawn_before(folder: Path, chosen: ChosenSteps, views: Collection[View]) ->
     }
     with np.load(folder / DONE_FILE) as known:
         observations = {name: known[name] for name in ("proprioception", "part_poses")}
-        return Lessons(images, observations, chosen.critical_states, str(known["drawn_by"]))
+        return Lessons(images, observations, chosen.critical_states, tuple(known["drawn_by"].tolist()))
 
 
 class _Remembered:
