@@ -20,7 +20,7 @@ from juicer.views import View
 
 AHEAD = 2
 """Batches that wait for a process, or that it has drawn and nobody has taken."""
-FAREWELL_SECONDS = 5.0
+EXIT_SECONDS = 5.0
 
 Images = NDArray[np.uint8]
 
@@ -97,7 +97,7 @@ class DrawingProcesses:
         for link in self._links:
             link.close()
         for process in self._processes:
-            process.join(FAREWELL_SECONDS)
+            process.join(EXIT_SECONDS)
             process.terminate()
             process.join()
 

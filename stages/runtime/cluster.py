@@ -10,9 +10,9 @@ from dataclasses import replace
 from stages.runtime.context import Display
 from stages.runtime.execution import Finished, execute, is_forced
 from stages.runtime.isolation import PRELOADED
+from stages.runtime.messages import portable
 from stages.runtime.session import Session
 from stages.runtime.stage import StageCall
-from stages.runtime.voice import portable
 
 Opener = Callable[[str], Session]
 """Gives, on a worker, what stages share there, for the address of a store. It travels by its name."""

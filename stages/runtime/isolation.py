@@ -17,11 +17,11 @@ from typing import Any
 
 from juicer.errors import StageDied
 from stages.runtime.context import StageContext, StageInterrupted
+from stages.runtime.messages import how_it_ended, pass_on, without_listeners, work_for_parent
 from stages.runtime.names import STAGES
 from stages.runtime.ranks import run_body
 from stages.runtime.socket_folder import make_socket_folder
 from stages.runtime.stage import StageCall
-from stages.runtime.voice import mute, obituary, pass_on, work_for_parent
 
 PRELOADED = (
     "torch",
@@ -40,7 +40,7 @@ PRELOADED = (
 edited during a run does not become part of it."""
 
 POLL_SECONDS = 0.2
-FAREWELL_SECONDS = 5.0
+EXIT_SECONDS = 5.0
 """How long a process that has done its work may take to end; threads of libraries may hold it up."""
 
 
@@ -70,24 +70,26 @@ def run_isolated(call: StageCall, context: StageContext, stop: threading.Event) 
     forking, name = _forking(), call.recipe.stage
     receiving, sending = forking.Pipe(duplex=False)
     guarded, guard = forking.Pipe(duplex=False)
-    process = forking.Process(target=_work, args=(call, mute(context), sending, guarded), name=name, daemon=False)
+    process = forking.Process(
+        target=_work, args=(call, without_listeners(context), sending, guarded), name=name, daemon=False
+    )
     process.start()
     sending.close()
     guarded.close()
     try:
         summary = _listen(receiving, context, stop)
-        process.join(FAREWELL_SECONDS)
+        process.join(EXIT_SECONDS)
         return summary
     except EOFError:
         # An interrupt may reach the new process before it has learned to leave that to its parent.
         if stop.wait(POLL_SECONDS):
             raise StageInterrupted from None
         process.join()
-        raise StageDied(obituary(f"the process of stage '{name}'", process.exitcode)) from None
+        raise StageDied(how_it_ended(f"the process of stage '{name}'", process.exitcode)) from None
     finally:
         # Gently, if it lets itself.
         process.terminate()
-        process.join(FAREWELL_SECONDS)
+        process.join(EXIT_SECONDS)
         process.kill()
         process.join()
         guard.close()

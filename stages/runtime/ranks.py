@@ -22,11 +22,11 @@ from typing import Any
 
 from juicer.errors import JuicerError, StageDied
 from stages.runtime.context import StageContext
+from stages.runtime.messages import Message, how_it_ended, pass_on, without_listeners, work_for_parent
 from stages.runtime.stage import StageCall, check_code
-from stages.runtime.voice import Told, mute, obituary, pass_on, work_for_parent
 
 POLL_SECONDS = 0.2
-FAREWELL_SECONDS = 5
+EXIT_SECONDS = 5
 BEGUN = "begun"
 _LAUNCHERS = ("torch.distributed.elastic", "torch.multiprocessing")
 LOOPBACK = {"GLOO_SOCKET_IFNAME": "lo", "NCCL_SOCKET_IFNAME": "lo"}
@@ -55,9 +55,9 @@ def _run_ranks(call: StageCall, context: StageContext) -> dict[str, Any]:
     guarded, guard = spawning.Pipe(duplex=False)
     with tempfile.TemporaryDirectory(prefix="juicer-ranks-") as folder, ThreadPoolExecutor(1) as pool:
         # The launcher waits in a thread of its own: progress is heard, and may interrupt, in this one.
-        launched = pool.submit(_launch, call, mute(context), sending, guarded, Path(folder))
+        launched = pool.submit(_launch, call, without_listeners(context), sending, guarded, Path(folder))
         try:
-            return _listen(_Heard(context, call.recipe.stage), launched, receiving, sending)
+            return _listen(_Outcome(context, call.recipe.stage), launched, receiving, sending)
         finally:
             # Whatever is still at work ends now.
             for end in (guard, guarded, *sending):
@@ -89,7 +89,7 @@ def _launch(
         local_addr="127.0.0.1",
         max_restarts=0,
         logs_specs=DefaultLogsSpecs(log_dir=str(folder)),
-        shutdown_timeout=FAREWELL_SECONDS,
+        shutdown_timeout=EXIT_SECONDS,
     )
     try:
         elastic_launch(config, _rank)(call, context, sending, guarded, folder / "processes")
@@ -99,34 +99,36 @@ def _launch(
 
 
 def _listen(
-    heard: _Heard, launched: Future[int | None], receiving: Sequence[Connection], sending: Sequence[Connection]
+    outcome: _Outcome, launched: Future[int | None], receiving: Sequence[Connection], sending: Sequence[Connection]
 ) -> dict[str, Any]:
-    """Hear the processes until all have ended; returns the summary of the first."""
+    """Listen to the processes until all have ended; returns the summary of the first."""
     numbers = {end: number for number, end in enumerate(receiving)}
     while numbers:
-        if launched.done() or heard.begun == len(receiving):
-            # Every process has its own by now; without ours, what one was saying when it was killed comes to an end.
+        if launched.done() or outcome.begun == len(receiving):
+            # Every process has its own by now; without ours, a message that was cut off by a kill comes to an end.
             for end in sending:
                 end.close()
-        told = [(end, _next_word(end)) for end in wait(list(numbers), POLL_SECONDS) if isinstance(end, Connection)]
-        # One that ended without a word is why others fail in the same moment.
-        for end, word in sorted(told, key=lambda pair: pair[1] is not None):
-            heard.note(numbers[end], word)
-            if word is None:
+        messages = [
+            (end, _next_message(end)) for end in wait(list(numbers), POLL_SECONDS) if isinstance(end, Connection)
+        ]
+        # One that ended without a message is why others fail in the same moment.
+        for end, message in sorted(messages, key=lambda pair: pair[1] is not None):
+            outcome.note(numbers[end], message)
+            if message is None:
                 del numbers[end]
-    return heard.conclude(launched.result())
+    return outcome.conclude(launched.result())
 
 
-def _next_word(end: Connection) -> Told | None:
-    """What a process says next; None if it has ended."""
+def _next_message(end: Connection) -> Message | None:
+    """The next message of a process; None if it has ended."""
     with suppress(EOFError):
-        told: Told = end.recv()
-        return told
+        message: Message = end.recv()
+        return message
     return None
 
 
-class _Heard:
-    """What has been heard of the processes of a stage; the first one speaks for all of them.
+class _Outcome:
+    """What comes of the processes of a stage; the first one reports for all of them.
 
     Attributes:
         begun: How many are at work, or were.
@@ -139,17 +141,17 @@ class _Heard:
         self._summaries: dict[int, Any] = {}
         self._failures: list[Exception | None] = []
 
-    def note(self, number: int, told: Told | None) -> None:
-        """Take down what a process said, or that it has ended."""
-        kind, content = ("end", None) if told is None else told
+    def note(self, number: int, message: Message | None) -> None:
+        """Note a message of a process, or that it has ended."""
+        kind, content = ("end", None) if message is None else message
         if kind == BEGUN:
             self.begun += 1
         elif kind == "summary":
             self._summaries[number] = content
-        elif kind == "error" or (told is None and number not in self._summaries):
+        elif kind == "error" or (message is None and number not in self._summaries):
             self._failures.append(content)
-        elif told and number == 0:
-            pass_on(told, self._context)
+        elif message and number == 0:
+            pass_on(message, self._context)
 
     def conclude(self, status: int | None) -> dict[str, Any]:
         """The summary, if all went well.
@@ -164,7 +166,7 @@ class _Heard:
         cause = next((each for each in self._failures if isinstance(each, JuicerError)), self._failures[0])
         was_killed = status is not None and status < 0 and status != -signal.SIGTERM
         if cause is None or (was_killed and not isinstance(cause, JuicerError)):
-            raise StageDied(obituary(f"one of the processes of stage '{self._name}'", status))
+            raise StageDied(how_it_ended(f"one of the processes of stage '{self._name}'", status))
         raise cause
 
 
@@ -181,12 +183,12 @@ def _rank(
     if not work_for_parent(
         partial(_take_part, call, number, meeting), own, sending[number], guarded, call.recipe.stage
     ):
-        # Without a farewell, for which another might wait.
+        # At once: what runs at a normal exit might wait for another process.
         os._exit(1)
 
 
 def _take_part(call: StageCall, number: int, meeting: Path, context: StageContext) -> None:
-    # One that waits for others within torch would not hear a gentle word.
+    # One that waits for others within torch would not notice a signal that Python handles.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     check_code(call)
     from juicer.training.ranks import Ranks, joined  # torch takes seconds to import

@@ -16,7 +16,7 @@ from juicer.policy.checkpoint import load_policy
 from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
 from juicer.policy.encoders.estimated.files import load_estimator
 from juicer.reporting.comparison import ReportRow
-from juicer.reporting.views import views_of
+from juicer.reporting.seen import views_of
 from juicer.training.config import TrainingConfig
 from juicer.training.mixing import DatasetConfig
 from juicer.views import View

@@ -1,4 +1,4 @@
-"""How a process that does the work of a stage tells its parent about it, and ends with it, whatever ends the parent."""
+"""Messages of a process that does the work of a stage to its parent; it ends with that, whatever ends the parent."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from stages.runtime.context import StageContext
 REPORT_SECONDS = 0.1
 _LOGGERS = ("juicer", "stages")
 
-Told = tuple[str, Any]
-"""A kind (``progress``, ``metrics``, ``log``, ``error`` or ``summary``), and what is told."""
+Message = tuple[str, Any]
+"""A kind (``progress``, ``metrics``, ``log``, ``error`` or ``summary``), and its content."""
 
 
-def mute(context: StageContext) -> StageContext:
-    """The context as it can be sent to a process, which has a voice of its own there."""
+def without_listeners(context: StageContext) -> StageContext:
+    """The context as it can be sent to a process, which reports by messages instead."""
     return replace(context, progress=silent_progress, metrics=NullMetricSink())
 
 
 def work_for_parent(
     work: Callable[[StageContext], None], context: StageContext, sending: Connection, guarded: Connection, stage: str
 ) -> bool:
-    """Do the work of a stage's process; whatever comes of it is told.
+    """Do the work of a stage's process; its progress, its result or its error are sent.
 
     Args:
         work: What is to be done.
@@ -49,25 +49,25 @@ def work_for_parent(
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))
     threading.Thread(target=_end_with_parent, args=(guarded,), daemon=True).start()
-    voice = _Voice(sending)
+    reporter = _Reporter(sending)
     for name in _LOGGERS:
         logger = logging.getLogger(name)
-        logger.handlers, logger.propagate = [_Forwarder(voice)], False
+        logger.handlers, logger.propagate = [_Forwarder(reporter)], False
         logger.setLevel(logging.INFO)
     try:
-        work(replace(context, progress=voice.progress, metrics=voice))
-        voice.say("summary", context.draft.summary)
+        work(replace(context, progress=reporter.progress, metrics=reporter))
+        reporter.send("summary", context.draft.summary)
         done = True
     except Exception as error:
-        voice.say("error", portable(error, stage))
+        reporter.send("error", portable(error, stage))
         done = False
     sending.close()
     return done
 
 
-def pass_on(told: Told, context: StageContext) -> None:
-    """Have the listeners of a context hear what a process told."""
-    kind, content = told
+def pass_on(message: Message, context: StageContext) -> None:
+    """Give a message of a process to the listeners of a context."""
+    kind, content = message
     if kind == "progress":
         done, total, facts = content
         context.progress(done, total, **facts)
@@ -87,8 +87,8 @@ def portable(error: Exception, stage: str) -> Exception:
     return error
 
 
-def obituary(process: str, status: int | None) -> str:
-    """What is to be said of a process that ended without a word."""
+def how_it_ended(process: str, status: int | None) -> str:
+    """A sentence on a process that ended without a result or an error."""
     if status is not None and status < 0:
         cause = signal.Signals(-status).name
         hint = "; the machine may have run out of memory" if -status == signal.SIGKILL else ""
@@ -103,15 +103,15 @@ def _end_with_parent(guarded: Connection) -> None:
         os._exit(1)
 
 
-class _Voice:
-    """The working process's way to tell its parent: progress listener and metric sink."""
+class _Reporter:
+    """Progress listener and metric sink whose parent listens."""
 
     def __init__(self, sending: Connection) -> None:
         self._sending = sending
         self._lock = threading.Lock()
         self._due = 0.0
 
-    def say(self, kind: str, content: Any) -> None:
+    def send(self, kind: str, content: Any) -> None:
         with self._lock:
             self._sending.send((kind, content))
 
@@ -119,17 +119,17 @@ class _Voice:
         now = time.monotonic()
         if now >= self._due or done == total:
             self._due = now + REPORT_SECONDS
-            self.say("progress", (done, total, facts))
+            self.send("progress", (done, total, facts))
 
     def log(self, metrics: Mapping[str, float], step: int) -> None:
-        self.say("metrics", (dict(metrics), step))
+        self.send("metrics", (dict(metrics), step))
 
 
 class _Forwarder(logging.Handler):
-    def __init__(self, voice: _Voice) -> None:
+    def __init__(self, reporter: _Reporter) -> None:
         super().__init__()
-        self._voice = voice
+        self._reporter = reporter
 
     def emit(self, record: logging.LogRecord) -> None:
         record.msg, record.args, record.exc_info = record.getMessage(), None, None
-        self._voice.say("log", record)
+        self._reporter.send("log", record)
