@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
+from juicer.artifacts.manifest import HEADLINE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.policy.config import AnyEncoder
@@ -31,7 +33,6 @@ class EncodeConfig(StrictConfig):
     libraries=("numpy", "torch", "zarr"),
     noun="steps with features",
     counts="steps",
-    headline=("steps",),
     needs="device",
 )
 def encode(
@@ -67,4 +68,10 @@ def encode(
         covered=reader.covered,
         drawn_by=drawn_by,
     )
-    context.draft.summary |= {"steps": total, "arrays": [spec.name for spec in encoder.specs], DRAWN_BY: drawn_by}
+    size = sum(math.prod(entry or 0 for entry in spec.shape) for spec in encoder.specs)
+    context.draft.summary |= {
+        "steps": total,
+        "arrays": [spec.name for spec in encoder.specs],
+        DRAWN_BY: drawn_by,
+        HEADLINE: f"{total} steps, {size} features each",
+    }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from juicer.artifacts.manifest import HEADLINE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.storage.columns import DRAWN_BY, write_columns
@@ -27,7 +28,6 @@ class RenderConfig(StrictConfig):
     libraries=("mujoco", "numpy", "zarr"),
     noun="images",
     counts="images",
-    headline=("images",),
 )
 def render(
     context: StageContext, *, episodes: ArtifactRef, selections: tuple[ArtifactRef, ...] = (), config: RenderConfig
@@ -56,5 +56,6 @@ def render(
         "images": drawing.num_steps,
         "view": str(view),
         "array": view.name,
+        HEADLINE: f"{drawing.num_steps} images, {view}",
         DRAWN_BY: drawing.drawn_by,
     }

@@ -94,6 +94,13 @@ def test_a_policy_learns_from_features_and_acts_on_images(made, policy):
     assert len(episode) == 8
 
 
+def test_features_say_how_many_they_are(made):
+    session, _, features, _ = made
+    summary = session.store.manifest(features[0]).summary
+    (spec,) = ColumnReader(session.store.open(features[0])).schema
+    assert summary["headline"] == f"{summary['steps']} steps, {spec.shape[0]} features each"
+
+
 def test_features_in_training_are_those_when_acting(made, policy):
     session, images, features, checkpoint = made
     stored = load_checkpoint(session.store.open(checkpoint))

@@ -96,6 +96,7 @@ def test_every_step_is_drawn_once_and_its_column_tells_what_drew_it(demonstratio
     assert reader.steps(SMALL.name).shape == (summary["images"], 24, 32, 3)
     assert summary["images"] == EpisodeReader(store.open(episodes)).episode_ends[-1]
     assert summary["view"] == "front gaze 32x24"
+    assert summary["headline"] == f"{summary['images']} images, front gaze 32x24"
     (drawn_by,) = summary["drawn_by"]
     assert reader.drawn_by == (drawn_by,)
     renderer, _, version = drawn_by.rpartition(", ")
