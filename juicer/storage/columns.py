@@ -73,16 +73,8 @@ def write_columns(
         if given >= len(numbers):
             raise InvalidEpisode(f"columns are given for more than {_share(covered)} episodes of {artifact}")
         number = numbers[given]
-        if set(columns) != set(arrays):
-            raise InvalidEpisode(f"episode {number} needs the columns {sorted(arrays)}, got {sorted(columns)}")
+        _check(columns, arrays, lengths[number], f"episode {number} of {artifact}")
         for name, values in columns.items():
-            if len(values) != lengths[number]:
-                raise InvalidEpisode(
-                    f"column '{name}' has {len(values)} steps in episode {number} of {artifact}, "
-                    f"which has {lengths[number]}"
-                )
-            if values.dtype.kind == "f" and not np.isfinite(values).all():
-                raise InvalidEpisode(f"column '{name}' holds NaN or infinite values in episode {number} of {artifact}")
             arrays[name].append(values)
     if given + 1 < len(numbers):
         raise InvalidEpisode(f"columns are given for {given + 1} of {_share(covered)} episodes of {artifact}")
@@ -98,6 +90,17 @@ def write_columns(
             DRAWN_BY: sorted(set(drawn_by)),
         }
     )
+
+
+def _check(columns: Mapping[str, Array], names: Iterable[str], length: int, episode: str) -> None:
+    """Refuse what cannot be the columns of an episode of some length."""
+    if set(columns) != set(names):
+        raise InvalidEpisode(f"{episode} needs the columns {sorted(names)}, got {sorted(columns)}")
+    for name, values in columns.items():
+        if len(values) != length:
+            raise InvalidEpisode(f"column '{name}' has {len(values)} steps in {episode}, which has {length}")
+        if values.dtype.kind == "f" and not np.isfinite(values).all():
+            raise InvalidEpisode(f"column '{name}' holds NaN or infinite values in {episode}")
 
 
 def stored_bytes(spec: ArraySpec, values: Array) -> int:

@@ -154,7 +154,7 @@ def train(
         network.encoders.take_estimators(estimators)
         pretrained = load_pretrained(network, weights)
         imitation = Imitation(episodes, sides, network, config, seed)
-        loop = _set_up(imitation, torch_device, loaders, metrics or NullMetricSink())
+        loop = _set_up(imitation, torch_device, loaders, metrics)
         facts = loop.run(training_identity(episodes, _settings(policy, tasks, config, seed)), scratch, progress)
     return TrainedCheckpoint(
         checkpoint=_checkpoint(loop.learner, config.steps),
@@ -197,7 +197,7 @@ def cut_sides(
     )
 
 
-def _set_up(imitation: Imitation, device: torch.device, loaders: int | None, metrics: MetricSink) -> _Loop:
+def _set_up(imitation: Imitation, device: torch.device, loaders: int | None, metrics: MetricSink | None) -> _Loop:
     """Bring together what learns, what it learns from, and who gathers that."""
     network, config, ranks = imitation.network, imitation.config, current_ranks()
     loaders = _default_loaders(network, device) if loaders is None else loaders
@@ -208,7 +208,8 @@ def _set_up(imitation: Imitation, device: torch.device, loaders: int | None, met
     weights = window_weights(imitation.episodes, imitation.sides[0])
     order = BatchOrder(len(windows.learned), config.batch_size, imitation.seed, weights)
     feed = Feed(windows.learned, order, config.state_noise, imitation.seed, ranks.part(config.batch_size))
-    return _Loop(learner, partial(feed.batches, loaders=loaders, device=device), windows, config, ranks, metrics)
+    batches = partial(feed.batches, loaders=loaders, device=device)
+    return _Loop(learner, batches, windows, config, ranks, metrics or NullMetricSink())
 
 
 class _Loop:

@@ -181,7 +181,10 @@ def test_two_arrays_of_one_name_are_refused(episodes: Path, columns: Path, tmp_p
         (speeds((5, 9)), r"for 2 of the 3 episodes of 0123456789abcdef"),
         (speeds((5, 9, 1, 1)), r"for more than the 3 episodes"),
         (speeds((5, 8, 1)), r"'speed' has 8 steps in episode 1 of 0123456789abcdef, which has 9"),
-        ([{"velocity": np.zeros(5, np.float32)}], r"episode 0 needs the columns \['speed'\], got \['velocity'\]"),
+        (
+            [{"velocity": np.zeros(5, np.float32)}],
+            r"episode 0 of 0123456789abcdef needs the columns \['speed'\], got \['velocity'\]",
+        ),
         ([{"speed": np.zeros(5)}], r"'speed' holds float64 but must hold float32"),
         ([{"speed": np.zeros((5, 1), np.float32)}], r"'speed' has shape \(1,\) a step"),
         ([{"speed": np.full(5, np.nan, np.float32)}], r"'speed' holds NaN or infinite values in episode 0"),
