@@ -153,8 +153,7 @@ def train(
         network = build_policy(policy, tasks, torch_seed(seed, "weights"))
         network.encoders.take_estimators(estimators)
         pretrained = load_pretrained(network, weights)
-        imitation = Imitation(episodes, sides, network, config, seed)
-        loop = _set_up(imitation, torch_device, loaders, metrics)
+        loop = _set_up(Imitation(episodes, sides, network, config, seed), torch_device, loaders, metrics)
         facts = loop.run(training_identity(episodes, _settings(policy, tasks, config, seed)), scratch, progress)
     return TrainedCheckpoint(
         checkpoint=_checkpoint(loop.learner, config.steps),
