@@ -10,27 +10,26 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
-from pathlib import Path
 from statistics import median
 
 import numpy as np
 import torch
 
-from juicer.config import StrictConfig, parse_config, read_mapping
+from flows.config import load_runs
+from flows.shipped import PRESETS
 from juicer.geometry import matrix_to_rot6d, normalised, quat_to_matrix
 from juicer.policy.acting import TrainedPolicy
-from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
+from juicer.policy.config import FeatureSpec, PairSpec
 from juicer.policy.network import build_policy
 from juicer.policy.torch_settings import compute_settings
 from juicer.tasks.specification import MOUNTED_COSINE, MOUNTED_M
-from juicer.training.config import TrainingConfig
 from juicer.training.feed import Feed
 from juicer.training.learner import Learner
 from juicer.training.source import BatchOrder
-from juicer.training.trainer import cut_sides, window_sources
+from juicer.training.trainer import Imitation, cut_sides
 from juicer.training.windows import TrainingEpisodes
+from stages.train import TrainConfig
 
-PRESETS = Path(__file__).parent.parent / "configs" / "presets"
 NUM_EPISODES, NUM_STEPS, NUM_PARTS = 50, 500, 5
 SPEC = FeatureSpec(
     num_parts=NUM_PARTS,
@@ -38,13 +37,6 @@ SPEC = FeatureSpec(
     mounted_m=MOUNTED_M,
     mounted_cosine=MOUNTED_COSINE,
 )
-
-
-class PolicyPreset(StrictConfig):
-    """One policy of a preset and how it is trained."""
-
-    policy: PolicyConfig
-    training: TrainingConfig
 
 
 def synthetic_episodes(seed: int = 0) -> TrainingEpisodes:
@@ -70,12 +62,12 @@ def synthetic_episodes(seed: int = 0) -> TrainingEpisodes:
     return TrainingEpisodes(observations, actions, ends, families, ["teleop"] * NUM_EPISODES)
 
 
-def measure_training(episodes: TrainingEpisodes, preset: PolicyPreset, steps: int) -> dict[str, float]:
+def measure_training(episodes: TrainingEpisodes, preset: TrainConfig, steps: int) -> dict[str, float]:
     """Median milliseconds of CPU time a training step, and of the gathering within it."""
     device, config = torch.device("cpu"), preset.training
     network = build_policy(preset.policy, {"toy": SPEC}, seed=0)
     sides = cut_sides(episodes, preset.policy.horizons, config, seed=0)
-    windows = window_sources(episodes, sides, network, config, seed=0, device=device)
+    windows = Imitation(episodes, sides, network, config, seed=0).window_sources(device)
     learner = Learner(network, config, device)
     feed = Feed(
         windows.learned, BatchOrder(len(windows.learned), config.batch_size, seed=0), config.state_noise, seed=0
@@ -93,7 +85,7 @@ def measure_training(episodes: TrainingEpisodes, preset: PolicyPreset, steps: in
     return {"parameters": network.num_parameters, "ms": 1000 * median(whole[3:]), "sampling": share}
 
 
-def measure_acting(preset: PolicyPreset, episodes: TrainingEpisodes, num_rows: int, repeats: int) -> float:
+def measure_acting(preset: TrainConfig, episodes: TrainingEpisodes, num_rows: int, repeats: int) -> float:
     """Median milliseconds of CPU time to choose the next actions of ``num_rows`` episodes."""
     policy = TrainedPolicy(build_policy(preset.policy, {"toy": SPEC}, seed=0), "toy", preset.training.threads)
     observations = {name: values[:num_rows] for name, values in episodes.observations.items()}
@@ -119,8 +111,8 @@ def main() -> None:
     heads = ("preset", "policy", "parameters", "batch", "ms/step", "samples/s", "sampling", "act 1", "act 16", "act 32")
     print("{:8} {:14} {:>11} {:>5} {:>8} {:>9} {:>8} {:>7} {:>7} {:>7}".format(*heads))
     for name in arguments.presets:
-        for policy, section in read_mapping(PRESETS / f"{name}.yaml")["policies"].items():
-            preset = parse_config(section, PolicyPreset, origin=f"{name}.{policy}")
+        (run,) = load_runs(PRESETS / f"{name}.yaml")
+        for policy, preset in run.policies.items():
             with compute_settings(preset.training.threads, "medium"):
                 row = measure_training(episodes, preset, arguments.steps)
             acting = [measure_acting(preset, episodes, num_rows, 5) for num_rows in (1, 16, 32)]

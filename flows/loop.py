@@ -124,23 +124,27 @@ def _train(session: Session, config: LoopConfig, training: TrainConfig, gathered
     """A model trained on all that was gathered, and on the images that it looks at."""
     gathered = tuple(gathered)
     selected = [each for data in gathered for each in data.selections]
-    episodes = (*(ref for data in gathered for ref in data.episodes), *(rollouts for rollouts, _ in selected))
+    learned = [*((ref,) for data in gathered for ref in data.episodes), *selected]
     mixed = dataset(
         session,
-        episodes=episodes,
+        episodes=tuple(episodes for episodes, *_ in learned),
         selections=tuple(selection for _, selection in selected),
-        columns=tuple(column for ref in episodes for column in _columns(session, training.policy, ref)),
+        columns=tuple(column for each in learned for column in _columns(session, training.policy, *each)),
         config=config.dataset,
     )
     estimators = tuple(ref for data in gathered for ref in _estimators(data, training.policy))
     return train(session, dataset=mixed, estimators=estimators, config=training)
 
 
-def _columns(session: Session, policy: PolicyConfig, episodes: ArtifactRef) -> Iterator[ArtifactRef]:
+def _columns(
+    session: Session, policy: PolicyConfig, episodes: ArtifactRef, *selections: ArtifactRef
+) -> Iterator[ArtifactRef]:
     """What a policy learns from beside the arrays of the episodes: images, and features of such."""
 
     def images(views: Iterable[View]) -> tuple[ArtifactRef, ...]:
-        return tuple(render(session, episodes=episodes, config=RenderConfig(view=view)) for view in views)
+        return tuple(
+            render(session, episodes=episodes, selections=selections, config=RenderConfig(view=view)) for view in views
+        )
 
     yield from images(policy.learned_views)
     for part in policy.fixed_parts:

@@ -179,15 +179,26 @@ def _shown(path: Path) -> str:
     return str(path)
 
 
-def _over_base(written: Written, folder: Path | None) -> Written:
-    lowest = Written({POLICIES_KEY: defaults()[POLICIES_KEY]})
+def _over_base(written: Written, folder: Path | None, above: tuple[Path, ...] = ()) -> Written:
+    """A file's content laid over that of its base, which may have one too, and all over what comes with juicer.
+
+    Args:
+        written: The content.
+        folder: What its paths are relative to.
+        above: Files that it is a base of.
+
+    Raises:
+        ConfigError: If a base is missing, or is laid over itself.
+    """
     if BASE_KEY not in written.values:
-        return written.over(lowest)
-    base, _ = _from_file(_find_base(written.values[BASE_KEY], folder, written.place((BASE_KEY,)) or BASE_KEY))
-    if BASE_KEY in base.values:
-        place = base.place((BASE_KEY,))
-        raise ConfigError(f"{place}: this file is a base itself and must not have one")
-    return written.without(BASE_KEY).over(base).over(lowest)
+        return written.over(Written({POLICIES_KEY: defaults()[POLICIES_KEY]}))
+    place = written.place((BASE_KEY,)) or BASE_KEY
+    path = _find_base(written.values[BASE_KEY], folder, place)
+    base = _from_file(path)
+    above = (*above, path.resolve())
+    if len(set(above)) < len(above):
+        raise ConfigError(f"{place}: base leads back to '{_shown(path)}', which is laid over this file itself")
+    return written.without(BASE_KEY).over(_over_base(*base, above))
 
 
 def _find_base(text: Any, folder: Path | None, origin: str) -> Path:

@@ -61,11 +61,11 @@ class View(StrictConfig):
     42.56 degrees; in a size of another shape, it is squeezed.
 
     Attributes:
-        drawn_by: What draws it, as ``module:class``: loaded by name, it counts for those results only whose
+        renderer: What draws it, as ``module:class``: loaded by name, it counts for those results only whose
             configuration has a view.
     """
 
-    drawn_by: ClassVar[str] = "juicer.imaging.renderer:ViewRenderer"
+    renderer: ClassVar[str] = "juicer.imaging.renderer:ViewRenderer"
 
     camera: Literal["front", "wrist"]
     crop: Annotated[Whole | StaticCrop | GazeCrop, Field(discriminator="kind")] = Whole()

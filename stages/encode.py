@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Self
 
@@ -9,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
+from juicer.artifacts.manifest import HEADLINE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.policy.config import AnyEncoder
-from juicer.storage.columns import ColumnReader, write_columns
+from juicer.storage.columns import DRAWN_BY, ColumnReader, write_columns
 from juicer.storage.episodes import EpisodeReader
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
@@ -39,7 +41,6 @@ class EncodeConfig(StrictConfig):
     libraries=("numpy", "torch", "zarr"),
     noun="steps with features",
     counts="steps",
-    headline=("steps",),
     needs="device",
 )
 def encode(
@@ -51,15 +52,19 @@ def encode(
     folders = [context.store.open(ref, "columns") for ref in images]
     reader = EpisodeReader(context.store.open(episodes, "episodes"), folders)
     encoder = FixedEncoder(config.encoder, context.machine.weights, context.machine.device)
-    total = int(reader.lengths.sum())
+    drawn_by = sorted({name for folder in folders for name in ColumnReader(folder).drawn_by})
+    chosen = np.flatnonzero(reader.covered)
+    total = int(reader.lengths[chosen].sum())
 
     def columns() -> Iterator[Mapping[str, NDArray[np.float32]]]:
-        for end, length in zip(reader.episode_ends.tolist(), reader.lengths.tolist(), strict=True):
+        done = 0
+        for (episode,) in (reader.spans([index]) for index in chosen.tolist()):
             parts = []
-            for first in range(end - length, end, BATCH):
-                span = slice(first, min(first + BATCH, end))
+            for first in range(episode.start, episode.stop, BATCH):
+                span = slice(first, min(first + BATCH, episode.stop))
                 parts.append(encoder.columns({name: reader.steps(name, span) for name in encoder.observes}))
-                context.progress(span.stop, total)
+                done += span.stop - span.start
+                context.progress(done, total)
             yield {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
     write_columns(
@@ -68,6 +73,13 @@ def encode(
         columns(),
         artifact=episodes.id,
         episode_ends=reader.episode_ends,
-        facts={name: fact for folder in folders for name, fact in ColumnReader(folder).facts.items()},
+        covered=reader.covered,
+        drawn_by=drawn_by,
     )
-    context.draft.summary |= {"steps": total, "arrays": [spec.name for spec in encoder.specs]}
+    size = sum(math.prod(entry or 0 for entry in spec.shape) for spec in encoder.specs)
+    context.draft.summary |= {
+        "steps": total,
+        "arrays": [spec.name for spec in encoder.specs],
+        DRAWN_BY: drawn_by,
+        HEADLINE: f"{total} steps, {size} features each",
+    }

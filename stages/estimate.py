@@ -85,7 +85,7 @@ def estimate(context: StageContext, *, episodes: ArtifactRef, annotations: Artif
         "task": task.name,
         "states": estimator.states,
         "steps": estimator.steps,
-        DRAWN_BY: sorted({each.drawn_by for each in drawn.values()}),
+        DRAWN_BY: sorted({name for each in drawn.values() for name in each.drawn_by}),
         **learned.facts,
         "train/loss": learned.loss,
         "validation/loss": learned.errors.loss,

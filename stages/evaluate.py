@@ -63,7 +63,7 @@ def evaluate(context: StageContext, *, checkpoint: ArtifactRef, config: Evaluate
     context.draft.summary |= {OBSERVES: policy.observes} if policy.observes else {}
     context.draft.summary |= facts(rows, get_task(config.task).milestones)
     context.draft.summary |= _texts(context.draft.summary)
-    if finding := _stranger(policy.summary.get(DRAWN_BY, [])):
+    if finding := _other_renderer(policy.summary.get(DRAWN_BY, [])):
         context.draft.summary[FINDING] = finding
 
 
@@ -76,7 +76,7 @@ def _texts(summary: Mapping[str, Any]) -> dict[str, str]:
     return {HEADLINE: f"success {found} ({low:.0%} to {high:.0%}){seen}", LABEL: f"{found}{seen}"}
 
 
-def _stranger(drawn_by: Sequence[str]) -> str:
+def _other_renderer(drawn_by: Sequence[str]) -> str:
     """A sentence if the policy acted on images that another renderer drew than those it learned from."""
     if not drawn_by or (present := gl_name()) in drawn_by:
         return ""

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from juicer.artifacts.manifest import HEADLINE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.storage.columns import DRAWN_BY, write_columns
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.room import require_room
+from juicer.storage.selections import read_judgements
 from juicer.views import View
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
@@ -20,19 +24,24 @@ class RenderConfig(StrictConfig):
 
 @stage(
     kind="columns",
-    inputs={"episodes": "episodes"},
+    inputs={"episodes": "episodes", "selections": "selection"},
     libraries=("mujoco", "numpy", "zarr"),
     noun="images",
     counts="images",
-    headline=("images",),
 )
-def render(context: StageContext, *, episodes: ArtifactRef, config: RenderConfig) -> None:
-    """Draw a view at every step of episodes, as it was seen when it happened."""
+def render(
+    context: StageContext, *, episodes: ArtifactRef, selections: tuple[ArtifactRef, ...] = (), config: RenderConfig
+) -> None:
+    """Draw a view at every step of episodes, as it was seen when it happened; of those judged, the ones kept."""
     from juicer.imaging.recorded import drawing_of
 
     view = config.view
     reader = EpisodeReader(context.store.open(episodes, "episodes"))
-    with drawing_of(reader, view, context.machine.workers) as drawing:
+    judged = read_judgements(context.store.open(each, "selection") for each in selections)
+    left_out = [reader.find(identity) for identity, keep in judged.items() if not keep]
+    covered = np.ones(len(reader), bool)
+    covered[left_out] = False
+    with drawing_of(reader, view, context.machine.workers, np.flatnonzero(covered).tolist()) as drawing:
         require_room(context.draft.path, drawing.stored_bytes(), f"the images of {view} of {episodes}")
         write_columns(
             context.draft.path,
@@ -40,11 +49,13 @@ def render(context: StageContext, *, episodes: ArtifactRef, config: RenderConfig
             ({view.name: images} for images in drawing.episodes(context.progress)),
             artifact=episodes.id,
             episode_ends=reader.episode_ends,
-            facts={"view": view.model_dump_json(), DRAWN_BY: drawing.gl},
+            covered=covered,
+            drawn_by=drawing.drawn_by,
         )
     context.draft.summary |= {
-        "images": int(reader.lengths.sum()),
+        "images": drawing.num_steps,
         "view": str(view),
         "array": view.name,
-        DRAWN_BY: drawing.gl,
+        HEADLINE: f"{drawing.num_steps} images, {view}",
+        DRAWN_BY: drawing.drawn_by,
     }

@@ -16,8 +16,8 @@ from juicer.evaluation import ConditionResult
 from juicer.reporting.comparison import ReportRow, condition_results
 from juicer.reporting.content import EpisodeVideo
 from juicer.reporting.report import configuration_text, gather
+from juicer.reporting.seen import views_of
 from juicer.reporting.varied_images import varied_images
-from juicer.reporting.views import views_of
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.evaluations import EXAMPLES, read_evaluation
 from stages.runtime.context import StageContext

@@ -1,12 +1,12 @@
 """The presets of the repository say what they claim to say."""
 
 import math
-from pathlib import Path
 
 import pytest
 import torch
 
-from juicer.config import StrictConfig, parse_config, read_mapping
+from flows.config import load_runs
+from flows.shipped import PRESETS, names
 from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
 from juicer.policy.denoisers.unet.config import UNetConfig
 from juicer.policy.encoders.features.config import FeaturesConfig
@@ -16,20 +16,18 @@ from juicer.policy.network import PolicyNetwork
 from juicer.training.config import TrainingConfig
 
 MOUNTED = {"mounted_m": 0.005, "mounted_cosine": 0.94}
-PRESETS = Path(__file__).parent.parent / "configs" / "presets"
-
-
-class Preset(StrictConfig):
-    policy: PolicyConfig
-    training: TrainingConfig
 
 
 def presets(name):
-    sections = read_mapping(PRESETS / f"{name}.yaml")["policies"]
-    return {policy: parse_config(section, Preset, origin=policy) for policy, section in sections.items()}
+    return read_preset(name).policies
 
 
-@pytest.mark.parametrize("name", ["paper", "paper_image", "laptop", "laptop_image_e2e", "smoke"])
+def read_preset(name):
+    (run,) = load_runs(PRESETS / f"{name}.yaml")
+    return run
+
+
+@pytest.mark.parametrize("name", names(PRESETS))
 def test_every_preset_holds_the_three_policies_of_the_comparison(name):
     sections = presets(name)
     assert set(sections) - {"multitask"} == {"diffusion", "mlp_chunked", "mlp_unchunked"}
@@ -48,16 +46,16 @@ def test_the_paper_preset_is_the_defaults_of_the_code():
     assert paper.policy.head.denoiser == UNetConfig()
 
 
-def test_the_paper_preset_on_images_differs_in_what_is_seen_alone():
-    states, images = presets("paper"), presets("paper_image")
-    for name, preset in images.items():
-        assert preset.training == states[name].training
-        assert preset.policy.model_copy(update={"observation": {}}) == states[name].policy.model_copy(
-            update={"observation": {}}
+@pytest.mark.parametrize(("name", "states"), [("paper_image", "paper"), ("laptop_image", "laptop")])
+def test_a_preset_on_images_differs_from_that_on_states_in_what_is_seen_alone(name, states):
+    seeing, told = read_preset(name), read_preset(states)
+    for policy, preset in seeing.policies.items():
+        assert preset.training == told.policies[policy].training
+        assert preset.policy.views_seen
+        assert preset.policy.model_copy(update={"observation": told.policies[policy].policy.observation}) == (
+            told.policies[policy].policy
         )
-    shipped = {name: read_mapping(PRESETS / f"{name}.yaml") for name in ("paper", "paper_image")}
-    for section in ("augment", "augment_retraining"):
-        assert shipped["paper"][section] == shipped["paper_image"][section]
+    assert seeing.model_copy(update={"policies": told.policies}) == told
 
 
 def test_the_paper_policy_on_images_has_as_many_weights_as_the_original():
@@ -70,7 +68,7 @@ def test_the_paper_policy_on_images_has_as_many_weights_as_the_original():
     assert sum(math.prod(size) for size in network.encoders.sizes.values()) == 272
 
 
-@pytest.mark.parametrize("name", ["laptop", "laptop_image_e2e", "smoke"])
+@pytest.mark.parametrize("name", ["laptop", "laptop_image", "laptop_image_e2e", "smoke"])
 def test_no_step_of_an_episode_goes_unused_with_the_presets_for_small_machines(name):
     for preset in presets(name).values():
         horizons = preset.policy.horizons

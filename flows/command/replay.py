@@ -51,7 +51,7 @@ def replay_episode(
 ) -> None:
     """``juicer replay``."""
     from juicer.imaging.video import draw, every, write_video
-    from juicer.reporting.views import views_of
+    from juicer.reporting.seen import views_of
 
     settings = read_settings()
     store = open_store(settings)

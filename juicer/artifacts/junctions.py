@@ -26,7 +26,7 @@ OURS = ("juicer", "stages")
 LOADED_BY_NAME = "juicer.imaging"
 """Package that nothing imports which could do without images."""
 
-IMPLEMENTATIONS = ("network", "drawn_by")
+IMPLEMENTATIONS = ("network", "renderer")
 """Class attributes by which a configuration names what is built of it, or draws it, as ``module:name``."""
 
 

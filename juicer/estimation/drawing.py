@@ -118,7 +118,7 @@ def _draw(
         np.savez(
             file,
             allow_pickle=False,
-            drawn_by=processes.gl,
+            drawn_by=processes.drawn_by,
             proprioception=np.stack([scene.proprioception for scene in scenes]),
             part_poses=np.stack([scene.part_poses for scene in scenes]),
         )
@@ -130,7 +130,7 @@ def _read(folder: Path, chosen: ChosenSteps, views: Sequence[View]) -> DrawnStat
     images = {name: np.memmap(folder / name, np.uint8, "r", shape=shape) for name, shape in shapes}
     with np.load(folder / DONE_FILE) as known:
         observations = {name: known[name] for name in ("proprioception", "part_poses")}
-        return DrawnStates(images, observations, chosen.critical_states, str(known["drawn_by"]))
+        return DrawnStates(images, observations, chosen.critical_states, tuple(known["drawn_by"].tolist()))
 
 
 def _shapes(total: int, views: Sequence[View]) -> Iterator[tuple[str, tuple[int, ...]]]:

@@ -17,13 +17,13 @@ class DrawnStates:
         images: By view's name, ``(N, h, w, 3)``.
         observations: Proprioception ``(N, 16)`` and part poses ``(N, 7 P)`` by name.
         critical_states: ``(N,)`` the critical state that each is close to, by its index, or -1.
-        drawn_by: What has drawn the images, in the words of its OpenGL platform.
+        drawn_by: What has drawn the images, in the words of OpenGL platforms.
     """
 
     images: Mapping[str, NDArray[np.uint8]]
     observations: Mapping[str, NDArray[np.float32]]
     critical_states: NDArray[np.int64]
-    drawn_by: str = ""
+    drawn_by: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         """Number of states."""

@@ -57,6 +57,7 @@ def gl_name() -> str:
         raise unavailable(error) from None
     # Which of the platforms it speaks to, this library reads when it is imported.
     gl = import_module("OpenGL.GL")
-    name = gl.glGetString(gl.GL_RENDERER).decode(errors="replace")
+    # The renderer alone is the same for two versions of Mesa.
+    names = [gl.glGetString(each).decode(errors="replace") for each in (gl.GL_RENDERER, gl.GL_VERSION)]
     context.free()
-    return printable(name)
+    return printable(", ".join(names))

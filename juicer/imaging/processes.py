@@ -46,7 +46,7 @@ class DrawingProcesses:
     none, as a worker of a cluster is, draws itself.
 
     Attributes:
-        gl: What draws, in the words of its OpenGL platform.
+        drawn_by: What draws, in the words of OpenGL platforms, each once.
     """
 
     def __init__(self, task: str, views: Sequence[View], workers: int) -> None:
@@ -60,8 +60,9 @@ class DrawingProcesses:
         self._processes = []
         self._views = views
         self._own: ViewRenderer | None = None
+        self.drawn_by: list[str]
         if multiprocessing.current_process().daemon:
-            self._own, self.gl = ViewRenderer(task), gl_name()
+            self._own, self.drawn_by = ViewRenderer(task), [gl_name()]
             return
         for _ in range(workers):
             link, their_end = spawning.Pipe()
@@ -71,7 +72,7 @@ class DrawingProcesses:
             self._links.append(link)
             self._processes.append(process)
         try:
-            self.gl = " and ".join(sorted({_received(link) for link in self._links}))
+            self.drawn_by = sorted({_received(link) for link in self._links})
         except BaseException:
             self.close()
             raise

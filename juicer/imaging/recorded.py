@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain
 
 import numpy as np
 
@@ -24,8 +25,16 @@ SAMPLES = 4
 
 
 @contextmanager
-def drawing_of(reader: EpisodeReader, view: View, workers: int) -> Iterator[RecordedImages]:
-    """Draw a view of the episodes of an artifact, by so many processes.
+def drawing_of(
+    reader: EpisodeReader, view: View, workers: int, chosen: Sequence[int] | None = None
+) -> Iterator[RecordedImages]:
+    """Draw a view of episodes of an artifact.
+
+    Args:
+        reader: The artifact.
+        view: What is drawn.
+        workers: Processes that draw.
+        chosen: Which of its episodes; all if None.
 
     Raises:
         StateMissing: If the episodes hold no simulator states.
@@ -33,34 +42,46 @@ def drawing_of(reader: EpisodeReader, view: View, workers: int) -> Iterator[Reco
         RenderingUnavailable: If no OpenGL platform can draw.
     """
     reader.require_state()
-    if not len(reader):
-        raise NothingLeft(f"the episodes in '{reader.folder}' are none, so there is nothing to draw")
+    chosen = range(len(reader)) if chosen is None else chosen
+    if not chosen:
+        raise NothingLeft(
+            f"of the {len(reader)} episodes in '{reader.folder}' none is wanted, so there is nothing to draw"
+        )
     with DrawingProcesses(reader.records[0].task, (view,), workers) as processes:
-        yield RecordedImages(reader, view, processes)
+        yield RecordedImages(reader, view, processes, chosen)
 
 
 class RecordedImages:
-    """Images of a view at every step of the episodes of an artifact.
+    """Images of a view at every step of episodes of an artifact.
 
     Attributes:
-        gl: What draws them, in the words of its OpenGL platform.
+        drawn_by: What draws them, in the words of OpenGL platforms.
+        num_steps: How many there are.
     """
 
-    def __init__(self, reader: EpisodeReader, view: View, processes: DrawingProcesses) -> None:
+    def __init__(self, reader: EpisodeReader, view: View, processes: DrawingProcesses, chosen: Sequence[int]) -> None:
         """Take note of what is to be drawn; use :func:`drawing_of`."""
         self._reader = reader
         self._view = view
         self._processes = processes
         self._task = get_task(reader.records[0].task)
-        self.gl = processes.gl
+        self._batches = [
+            [slice(first, min(first + BATCH, span.stop)) for first in range(span.start, span.stop, BATCH)]
+            for index in chosen
+            for span in reader.spans([index])
+        ]
+        self.drawn_by = processes.drawn_by
+        self.num_steps = int(reader.lengths[chosen].sum())
 
     def stored_bytes(self) -> float:
         """What all of them will take on a disk, as measured on a few."""
-        total = int(self._reader.episode_ends[-1])
-        starts = np.unique(np.linspace(0, max(0, total - CHUNK_STEPS), SAMPLES).astype(int)).tolist()
-        spans = [slice(start, min(start + CHUNK_STEPS, total)) for start in starts]
+        batches = list(chain.from_iterable(self._batches))
+        places = np.unique(np.linspace(0, len(batches) - 1, SAMPLES).astype(int)).tolist()
+        spans = [
+            slice(batch.start, min(batch.start + CHUNK_STEPS, batch.stop)) for batch in map(batches.__getitem__, places)
+        ]
         images = np.concatenate(list(self._drawn(spans)))
-        return stored_bytes(self._view.column, images) / len(images) * total
+        return stored_bytes(self._view.column, images) / len(images) * self.num_steps
 
     def episodes(self, progress: Progress = silent_progress) -> Iterator[Images]:
         """Images ``(T, height, width, 3)`` of every episode, in order; progress counts steps.
@@ -68,17 +89,14 @@ class RecordedImages:
         Raises:
             InvalidEpisode: If the states are not those of scenes of the task.
         """
-        starts = self._reader.episode_ends - self._reader.lengths
-        spans = [
-            [slice(first, min(first + BATCH, end)) for first in range(start, end, BATCH)]
-            for start, end in zip(starts.tolist(), self._reader.episode_ends.tolist(), strict=True)
-        ]
-        drawn = self._drawn(span for each in spans for span in each)
-        for each in spans:
+        drawn = self._drawn(chain.from_iterable(self._batches))
+        done = 0
+        for batches in self._batches:
             images = []
-            for span in each:
+            for batch in batches:
                 images.append(next(drawn))
-                progress(span.stop, int(self._reader.episode_ends[-1]))
+                done += batch.stop - batch.start
+                progress(done, self.num_steps)
             yield np.concatenate(images)
 
     def _drawn(self, spans: Iterable[slice]) -> Iterator[Images]:

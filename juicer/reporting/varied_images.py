@@ -54,5 +54,7 @@ def _encoders(checkpoint: Manifest) -> Iterable[EncoderConfig]:
 
 def _examples(store: ArtifactStore, ref: ArtifactRef, view: View) -> NDArray[np.uint8]:
     reader = ColumnReader(store.open(ref, "columns"))
-    places = np.linspace(0, reader.episode_ends[0], EXAMPLES + 2)[1:-1].astype(int).tolist()
+    first = reader.covered.argmax()
+    start = reader.episode_ends[first - 1] if first else 0
+    places = np.linspace(start, reader.episode_ends[first], EXAMPLES + 2)[1:-1].astype(int).tolist()
     return np.concatenate([reader.steps(view.name, slice(place, place + 1)) for place in places])

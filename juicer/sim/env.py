@@ -43,7 +43,8 @@ SETTLING_S = 0.3
 _LOST_BELOW_M = TABLE_HEIGHT_M - 0.05
 
 _RENDERER, _GL = "juicer.imaging.renderer", "juicer.imaging.gl"
-"""Loaded by name when an image is asked for: what draws shapes no result, so no result's identity follows it."""
+"""Loaded by name when an image is asked for: only results of those who look depend on what draws, by the views in their
+configurations."""
 
 Observation = dict[str, NDArray[np.float32]]
 

@@ -191,6 +191,25 @@ class EpisodeReader:
             raise ArtifactError(f"'{self.folder}' holds no episode {printable(episode_id)}{known}")
         return self.ids[episode_id]
 
+    @property
+    def covered(self) -> NDArray[np.bool_]:
+        """Whether all columns that were joined have entries for each episode ``(N,)``."""
+        covered = np.ones(len(self), bool)
+        for columns in self._columns.values():
+            covered &= columns.covered
+        return covered
+
+    def spans(self, indices: Iterable[int]) -> list[slice]:
+        """Steps of some episodes, in their order; those that lie side by side are one span."""
+        spans: list[slice] = []
+        for index in indices:
+            end = int(self.episode_ends[index])
+            start = end - int(self.lengths[index])
+            if spans and spans[-1].stop == start:
+                start = spans.pop().start
+            spans.append(slice(start, end))
+        return spans
+
     def require_state(self) -> None:
         """Refuse episodes without simulator states before anything is begun that needs them.
 

@@ -30,3 +30,12 @@ def write_selection(folder: Path, rows: Iterable[SelectionRow]) -> None:
 def read_selection(folder: Path) -> list[SelectionRow]:
     """Read ``selection.parquet``."""
     return [SelectionRow(**row) for row in read_table(folder / "selection.parquet", _SELECTION)]
+
+
+def read_judgements(folders: Iterable[Path]) -> dict[str, bool]:
+    """By its id, whether an episode that some selections judge is kept: if all of those that judge it keep it."""
+    judged: dict[str, bool] = {}
+    for folder in folders:
+        for row in read_selection(folder):
+            judged[row.episode_id] = judged.get(row.episode_id, True) and row.keep
+    return judged

@@ -100,21 +100,9 @@ def _part(progress: Progress, number: int, count: int) -> Callable[[float], None
 
 def _spans(group: Chosen, longest: int) -> Iterator[slice]:
     """The steps of the episodes, in their order, in spans that are read at once."""
-    reader = group.reader
-    start = end = 0
-    for row in group.rows:
-        index = reader.find(row.episode_id)
-        last = int(reader.episode_ends[index])
-        first = last - int(reader.lengths[index])
-        if first != end:
-            yield from _cut(start, end, longest)
-            start = first
-        end = last
-    yield from _cut(start, end, longest)
-
-
-def _cut(start: int, end: int, longest: int) -> Iterator[slice]:
-    return (slice(first, min(first + longest, end)) for first in range(start, end, longest))
+    for span in group.reader.spans(group.reader.find(row.episode_id) for row in group.rows):
+        for first in range(span.start, span.stop, longest):
+            yield slice(first, min(first + longest, span.stop))
 
 
 def _check(reader: EpisodeReader, specs: Sequence[ImageSpec]) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from juicer.episode import Role
 from juicer.policy.tasks import Tasks, as_shown
+from juicer.storage.arrays import Array
 from juicer.storage.dataset import DatasetRow
 from juicer.storage.episodes import EpisodeReader
 from juicer.training.windows import TrainingEpisodes
@@ -29,12 +30,15 @@ def read_episodes(
     """
     chosen = [reader.find(row.episode_id) for row in rows]
     lengths = reader.lengths[chosen]
-    starts = reader.episode_ends - reader.lengths
-    steps = np.concatenate([np.arange(starts[index], reader.episode_ends[index]) for index in chosen])
+    spans = reader.spans(chosen)
+
+    def steps(name: str) -> Array:
+        return np.concatenate([reader.steps(name, span) for span in spans])
+
     names = reader.schema.names(Role.OBSERVATION) if names is None else names
     return TrainingEpisodes(
-        observations=as_shown({name: reader.steps(name)[steps] for name in names}, tasks, rows[0].task),
-        actions=reader.steps("action")[steps],
+        observations=as_shown({name: steps(name) for name in names}, tasks, rows[0].task),
+        actions=steps("action"),
         episode_ends=np.cumsum(lengths),
         families=[row.family for row in rows],
         sources=[row.source.value for row in rows],

@@ -66,6 +66,43 @@ class WindowSources:
     held_out: WindowSource | None
 
 
+@dataclass(frozen=True)
+class Imitation:
+    """What is trained.
+
+    Attributes:
+        episodes: What it imitates.
+        sides: Windows of them to learn from, and those of the held-out ones.
+        network: What learns.
+        config: How.
+        seed: Decides order and noise.
+    """
+
+    episodes: TrainingEpisodes
+    sides: tuple[Windows, Windows]
+    network: PolicyNetwork
+    config: TrainingConfig
+    seed: int
+
+    def window_sources(self, device: torch.device) -> WindowSources:
+        """Make the windows of both sides of the split ready, and fit the network's normalisers to those to learn from.
+
+        Raises:
+            TrainingFailed: If a side of the split has no window.
+        """
+        network = self.network.to(device)
+        tables = [
+            WindowTable(self.episodes, windows, network, self.config.windows.learn_padding, device)
+            for windows in self.sides
+            if len(windows.episodes)
+        ]
+        torch.manual_seed(torch_seed(self.seed, "limits"))
+        tables[0].fit(self.config.state_noise)
+        for table in tables:
+            table.normalize()
+        return WindowSources(learned=tables[0], held_out=tables[1] if len(tables) > 1 else None)
+
+
 def train(
     sources: Sequence[TrainingEpisodes],
     policy: PolicyConfig,
@@ -120,7 +157,7 @@ def train(
         pretrained = load_pretrained(network, weights)
         # After what their own backbones started from.
         network.encoders.take_estimators(estimators)
-        loop = _set_up(episodes, sides, network, config, seed, torch_device, loaders, metrics or NullMetricSink())
+        loop = _set_up(Imitation(episodes, sides, network, config, seed), torch_device, loaders, metrics)
         facts = loop.run(training_identity(episodes, _settings(policy, tasks, config, seed)), scratch, progress)
     origins_taught = any(each.poses_taught for each in pretrained)
     return TrainedCheckpoint(
@@ -174,51 +211,19 @@ def cut_sides(
     )
 
 
-def window_sources(
-    episodes: TrainingEpisodes,
-    sides: tuple[Windows, Windows],
-    network: PolicyNetwork,
-    config: TrainingConfig,
-    seed: int,
-    device: torch.device,
-) -> WindowSources:
-    """Make the windows of both sides of the split ready, and fit the network's normalisers to those it learns from.
-
-    Raises:
-        TrainingFailed: If a side of the split has no window.
-    """
-    tables = [
-        WindowTable(episodes, windows, network, config.windows.learn_padding, device)
-        for windows in sides
-        if len(windows.episodes)
-    ]
-    torch.manual_seed(torch_seed(seed, "limits"))
-    tables[0].fit(config.state_noise)
-    for table in tables:
-        table.normalize()
-    return WindowSources(learned=tables[0], held_out=tables[1] if len(tables) > 1 else None)
-
-
-def _set_up(
-    episodes: TrainingEpisodes,
-    sides: tuple[Windows, Windows],
-    network: PolicyNetwork,
-    config: TrainingConfig,
-    seed: int,
-    device: torch.device,
-    loaders: int | None,
-    metrics: MetricSink,
-) -> _Loop:
+def _set_up(imitation: Imitation, device: torch.device, loaders: int | None, metrics: MetricSink | None) -> _Loop:
     """Bring together what learns, what it learns from, and who gathers that."""
-    ranks = current_ranks()
+    network, config, ranks = imitation.network, imitation.config, current_ranks()
     loaders = default_loaders(network.encoders, device) if loaders is None else loaders
     # Processes beside the training have no use of its GPU: windows, and what prepares them, are not on it then.
     home = torch.device("cpu") if loaders else device
-    windows = window_sources(episodes, sides, network.to(home), config, seed, home)
+    windows = imitation.window_sources(home)
     learner = Learner(network if home == device else copy.deepcopy(network).to(device), config, device, ranks)
-    order = BatchOrder(len(windows.learned), config.batch_size, seed, window_weights(episodes, sides[0]))
-    feed = Feed(windows.learned, order, config.state_noise, seed, ranks.part(config.batch_size))
-    return _Loop(learner, partial(feed.batches, loaders=loaders, device=device), windows, config, ranks, metrics)
+    weights = window_weights(imitation.episodes, imitation.sides[0])
+    order = BatchOrder(len(windows.learned), config.batch_size, imitation.seed, weights)
+    feed = Feed(windows.learned, order, config.state_noise, imitation.seed, ranks.part(config.batch_size))
+    batches = partial(feed.batches, loaders=loaders, device=device)
+    return _Loop(learner, batches, windows, config, ranks, metrics or NullMetricSink())
 
 
 class _Loop:

@@ -1,4 +1,4 @@
-"""How a process that does the work of a stage tells its parent about it, and ends with it, whatever ends the parent."""
+"""Messages of a process that does the work of a stage to its parent; it ends with that, whatever ends the parent."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def without_listeners(context: StageContext) -> StageContext:
 def work_for_parent(
     work: Callable[[StageContext], None], context: StageContext, sending: Connection, guarded: Connection, stage: str
 ) -> bool:
-    """Do the work of a stage's process; whatever comes of it is told.
+    """Do the work of a stage's process; its progress, its result or its error are sent.
 
     Args:
         work: What is to be done.

@@ -101,7 +101,7 @@ def _launch(
 def _listen(
     results: _Results, launched: Future[int | None], receiving: Sequence[Connection], sending: Sequence[Connection]
 ) -> dict[str, Any]:
-    """Hear the processes until all have ended; returns the summary of the first."""
+    """Listen to the processes until all have ended; returns the summary of the first."""
     numbers = {end: number for number, end in enumerate(receiving)}
     while numbers:
         if launched.done() or results.num_started == len(receiving):
@@ -183,12 +183,12 @@ def _rank(
     if not work_for_parent(
         partial(_take_part, call, number, meeting), own, sending[number], guarded, call.recipe.stage
     ):
-        # Without a farewell, for which another might wait.
+        # At once: what runs at a normal exit might wait for another process.
         os._exit(1)
 
 
 def _take_part(call: StageCall, number: int, meeting: Path, context: StageContext) -> None:
-    # One that waits for others within torch would not hear a gentle word.
+    # One that waits for others within torch would not notice a signal that Python handles.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     check_code(call)
     from juicer.training.ranks import Ranks, joined  # torch takes seconds to import

@@ -97,9 +97,18 @@ def test_seed_below_zero_is_refused_wherever_it_is_said(tmp_path):
         config.narrowed((), (-1,))
 
 
-def test_base_of_a_base_is_refused(tmp_path):
+def test_base_may_have_a_base_of_its_own(tmp_path):
+    write(tmp_path, "base: smoke\nrecord: {demonstrations: 5, seed: 1}\n", "lower.yaml")
+    write(tmp_path, "base: lower.yaml\nrecord: {seed: 2}\n", "base.yaml")
+    (config,) = load_runs(write(tmp_path, "base: base.yaml\ncondition: bc\n"))
+    assert (config.record.demonstrations, config.record.seed) == (5, 2)
+    assert config.policies["diffusion"] == load_runs("smoke")[0].policies["diffusion"]
+
+
+def test_base_that_leads_back_to_itself_is_refused(tmp_path):
     write(tmp_path, "base: x.yaml\n", "base.yaml")
-    with pytest.raises(ConfigError, match="is a base itself"):
+    write(tmp_path, "base: base.yaml\n", "x.yaml")
+    with pytest.raises(ConfigError, match="base leads back to"):
         load_runs(write(tmp_path, "base: base.yaml\n"))
 
 

@@ -72,6 +72,11 @@ def test_every_condition_runs_on_images_by_naming_a_preset(tmp_path, preset, vie
     learned = [entry.call.recipe.inputs["episodes"] for entry in planned if entry.stage == "dataset"]
     episodes = {ref for refs in learned for ref in refs}
     turns = 2 if condition == "ta_ci" else 1
+    kept = {entry.ref for entry in planned if entry.stage == "select"}
+    drawn_of = {
+        ref for entry in planned if entry.stage == "render" for ref in entry.call.recipe.inputs.get("selections", ())
+    }
+    assert drawn_of == kept
     assert (counts["render"], counts["train"], counts["evaluate"]) == (views * len(episodes), turns, 1)
 
 

@@ -60,7 +60,7 @@ def test_paths_of_single_tasks_follow_the_same_rule(tmp_path):
         ("base: .\n", "no preset that comes with juicer is called '.'"),
         ("base: ./\n", "it is not a plain file"),
         ("base: /dev/zero\n", "it is not a plain file"),
-        ("base: demo\n", "is a base itself"),
+        ("base: run.yaml\n", "base leads back to"),
     ],
 )
 def test_what_is_no_path_is_told(tmp_path, text, message):

@@ -10,6 +10,8 @@ import torch
 from pydantic import ValidationError
 from safetensors.torch import save_file
 
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.demonstration.ingestion import IngestionConfig
 from juicer.demonstration.log import write_log
@@ -19,7 +21,7 @@ from juicer.policy.checkpoint import load_checkpoint, load_policy
 from juicer.policy.config import PolicyConfig
 from juicer.policy.network import build_policy
 from juicer.rollout import rollout
-from juicer.storage.columns import ColumnReader
+from juicer.storage.columns import ColumnReader, write_columns
 from juicer.training.config import TrainingConfig
 from juicer.training.mixing import DatasetConfig
 from juicer.views import View
@@ -85,11 +87,18 @@ def test_a_policy_learns_from_features_and_acts_on_images(made, policy):
     session, images, _, checkpoint = made
     summary = session.store.manifest(checkpoint).summary
     assert summary["observes"] == "images"
-    assert summary["drawn_by"] == [session.store.manifest(images[0]).summary["drawn_by"]]
+    assert summary["drawn_by"] == session.store.manifest(images[0]).summary["drawn_by"]
     acting = load_policy(session.store.open(checkpoint), "one_leg")
     assert {spec.name for spec in acting.observations} == {"proprioception", *(view.name for view in VIEWS.values())}
     (episode,) = rollout(acting, "one_leg", "low", [0], num_envs=1, max_steps=8)
     assert len(episode) == 8
+
+
+def test_features_say_how_many_they_are(made):
+    session, _, features, _ = made
+    summary = session.store.manifest(features[0]).summary
+    (spec,) = ColumnReader(session.store.open(features[0])).schema
+    assert summary["headline"] == f"{summary['steps']} steps, {spec.shape[0]} features each"
 
 
 def test_features_in_training_are_those_when_acting(made, policy):
@@ -108,6 +117,25 @@ def test_features_in_training_are_those_when_acting(made, policy):
     assert learned.keys() == VIEWS.keys()
     for name, values in encoder.prepare(seen).items():
         np.testing.assert_allclose(values, learned[name], rtol=1e-4, atol=1e-5)
+
+
+def test_features_of_images_by_two_renderers_name_both(made, policy):
+    session, images, *_ = made
+    drawn = ColumnReader(session.store.open(images[0]))
+    (spec,) = drawn.schema
+    with session.store.create(Recipe("by hand", "columns")) as draft:
+        each = ({spec.name: part} for part in np.split(drawn.steps(spec.name), drawn.episode_ends[:-1]))
+        write_columns(
+            draft.path, [spec], each, artifact=drawn.artifact, episode_ends=drawn.episode_ends, drawn_by=["another"]
+        )
+    episodes = ArtifactRef("episodes", drawn.artifact)
+    eyes = policy.observation["eyes"]
+    both = EncodeConfig(encoder=eyes)
+    computed = encode(session, episodes=episodes, images=(draft.ref, images[1]), config=both)
+    ours = session.store.manifest(images[1]).summary["drawn_by"]
+    assert ColumnReader(session.store.open(computed)).drawn_by == tuple(sorted(["another", *ours]))
+    mixed = dataset(session, episodes=(episodes,), columns=(computed,), config=DatasetConfig())
+    assert session.store.manifest(mixed).summary["drawn_by"] == sorted(["another", *ours])
 
 
 def test_what_is_learned_shares_no_features_and_what_is_computed_does(policy):

@@ -18,7 +18,7 @@ from juicer.policy.checkpoint import load_policy
 from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
 from juicer.policy.encoders.estimated.files import load_estimator
 from juicer.reporting.comparison import ReportRow
-from juicer.reporting.views import views_of
+from juicer.reporting.seen import views_of
 from juicer.sim.sections import joint_positions
 from juicer.storage.episodes import write_episodes
 from juicer.training.config import TrainingConfig

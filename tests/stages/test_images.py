@@ -87,7 +87,7 @@ def looking(drawing, tmp_path_factory, recording, second_recording):
 def test_a_policy_learns_from_the_images_of_its_views_and_says_so(looking):
     summary = looking.summary(looking.checkpoint)
     assert summary["observes"] == "images"
-    assert summary["drawn_by"] == [looking.summary(looking.columns[0])["drawn_by"]]
+    assert summary["drawn_by"] == looking.summary(looking.columns[0])["drawn_by"]
     assert np.isfinite(summary["train/loss"])
     assert np.isfinite(summary["validation/loss"])
     assert {row.columns for row in read_dataset(looking.store.open(looking.dataset))} == {
@@ -130,8 +130,9 @@ def test_images_of_two_renderers_are_learned_from_and_told(looking):
     with looking.store.create(Recipe("by hand", "columns")) as draft:
         ends = drawn.episode_ends
         images = ({WRIST.name: each} for each in np.split(drawn.steps(WRIST.name), ends[:-1]))
-        facts = {"drawn_by": "another"}
-        write_columns(draft.path, [WRIST.column], images, artifact=drawn.artifact, episode_ends=ends, facts=facts)
+        write_columns(
+            draft.path, [WRIST.column], images, artifact=drawn.artifact, episode_ends=ends, drawn_by=["another"]
+        )
     mixed = dataset(session, episodes=(looking.demonstrations,), columns=(gaze, draft.ref), config=DatasetConfig())
     finding = looking.summary(train(session, dataset=mixed, config=TRAIN))["finding"]
     assert finding.startswith("some of its images were drawn by another and others by ")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,19 +14,31 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.demonstration.ingestion import IngestionConfig
 from juicer.demonstration.log import write_log
-from juicer.errors import DamagedArtifact, InvalidEpisode, RenderingUnavailable, StateMissing, StoreNotWritable
+from juicer.episode import Outcome
+from juicer.errors import (
+    ArtifactError,
+    DamagedArtifact,
+    InvalidEpisode,
+    RenderingUnavailable,
+    StateMissing,
+    StoreNotWritable,
+)
 from juicer.imaging import recorded
 from juicer.sim.env import AssemblyEnv
 from juicer.sim.sections import joint_positions
 from juicer.storage.columns import COLUMNS, ColumnReader
+from juicer.storage.dataset import read_dataset
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.tasks.registry import TASK_NAMES
+from juicer.training.mixing import DatasetConfig
 from juicer.views import GazeCrop, View
+from stages.dataset import dataset
 from stages.ingest import ingest
 from stages.render import RenderConfig, render
 from stages.runtime.execution import perform_here
 from stages.runtime.machine import Machine
 from stages.runtime.session import Session
+from stages.select import SelectConfig, select
 
 SMALL = View(camera="front", crop=GazeCrop(), width=32, height=24)
 WRIST = View(camera="wrist", width=40, height=40, supersampling=2)
@@ -83,8 +96,12 @@ def test_every_step_is_drawn_once_and_its_column_tells_what_drew_it(demonstratio
     assert reader.steps(SMALL.name).shape == (summary["images"], 24, 32, 3)
     assert summary["images"] == EpisodeReader(store.open(episodes)).episode_ends[-1]
     assert summary["view"] == "front gaze 32x24"
-    assert View.model_validate_json(reader.facts["view"]) == SMALL
-    assert reader.facts["drawn_by"] == summary["drawn_by"] != ""
+    assert summary["headline"] == f"{summary['images']} images, front gaze 32x24"
+    (drawn_by,) = summary["drawn_by"]
+    assert reader.drawn_by == (drawn_by,)
+    renderer, _, version = drawn_by.rpartition(", ")
+    assert renderer
+    assert version[0].isdecimal()
 
 
 def test_several_processes_draw_the_same_as_one(demonstrations, images, tmp_path, monkeypatch):
@@ -93,6 +110,32 @@ def test_several_processes_draw_the_same_as_one(demonstrations, images, tmp_path
     with recorded.drawing_of(EpisodeReader(store.open(episodes)), SMALL, workers=2) as drawn:
         (again,) = drawn.episodes()
     np.testing.assert_array_equal(again, ColumnReader(store.open(images)).steps(SMALL.name))
+
+
+def test_of_rollouts_that_a_selection_judges_only_those_kept_are_drawn(drawing, demonstrations, images):
+    store, episodes = demonstrations
+    kept = EpisodeReader(store.open(episodes)).read(0)
+    failed = replace(
+        kept,
+        record=replace(kept.record, episode_id="", outcome=Outcome.TIMEOUT, seed=1),
+        steps={name: values[:9] for name, values in kept.steps.items()},
+    )
+    rollouts = stored(store, "rollouts", failed, kept)
+    selection = select(session(store), episodes=rollouts, config=SelectConfig())
+    columns = render(session(store), episodes=rollouts, selections=(selection,), config=RenderConfig(view=SMALL))
+    assert store.manifest(columns).summary["images"] == len(kept)
+    joined = EpisodeReader(store.open(rollouts), [store.open(columns)])
+    assert joined.covered.tolist() == [False, True]
+    np.testing.assert_array_equal(joined.read(1).steps[SMALL.name], ColumnReader(store.open(images)).steps(SMALL.name))
+    with pytest.raises(ArtifactError, match=r"cover 1 of the 2 episodes of [0-9a-f]{16}, and not number 0"):
+        joined.read(0)
+    mixed = {"episodes": (rollouts,), "columns": (columns,), "config": DatasetConfig()}
+    (row,) = read_dataset(store.open(dataset(session(store), selections=(selection,), **mixed)))
+    assert row.episode_id == kept.record.episode_id
+    with pytest.raises(
+        ArtifactError, match=r"do not cover its episode .* give the selections that they were made with"
+    ):
+        dataset(session(store), **mixed)
 
 
 def test_progress_counts_steps(drawing, demonstrations):

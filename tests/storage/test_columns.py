@@ -79,6 +79,35 @@ def test_columns_are_read_as_if_they_were_the_episodes_own(episodes: Path, colum
     np.testing.assert_array_equal(reader.steps("action"), EpisodeReader(episodes).steps("action"))
 
 
+def test_columns_of_some_episodes_are_read_in_their_places_and_nowhere_else(episodes: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "some"
+    folder.mkdir()
+    first, _, last = derived()
+    covered = np.array([True, False, True])
+    write_columns(folder, [IMAGE, SPEED], [first, last], artifact=ARTIFACT, episode_ends=ENDS, covered=covered)
+    reader = EpisodeReader(episodes, [folder])
+    np.testing.assert_array_equal(reader.covered, covered)
+    np.testing.assert_array_equal(reader.read(0).steps["front"], first["front"])
+    np.testing.assert_array_equal(reader.read(2).steps["speed"], last["speed"])
+    np.testing.assert_array_equal(reader.steps("front", slice(2, 5)), first["front"][2:])
+    assert len(reader.steps("front", slice(5, 5))) == 0
+    for span in (slice(None), slice(4, 6), slice(13, 15), slice(6, 8)):
+        with pytest.raises(ArtifactError, match=rf"cover 2 of the 3 episodes of {ARTIFACT}, and not number 1; derive"):
+            reader.steps("front", span)
+    with pytest.raises(InvalidEpisode, match="for more than 2 of the 3 episodes"):
+        write_columns(
+            tmp_path, [IMAGE, SPEED], [first, last, last], artifact=ARTIFACT, episode_ends=ENDS, covered=covered
+        )
+
+
+def test_columns_that_an_older_version_wrote_are_of_all_episodes(episodes: Path, columns: Path) -> None:
+    path = columns / COLUMNS / "zarr.json"
+    content = json.loads(path.read_text())
+    del content["attributes"]["covered"], content["attributes"]["drawn_by"]
+    path.write_text(json.dumps(content))
+    assert EpisodeReader(episodes, [columns]).covered.all()
+
+
 def test_a_window_unpacks_little_of_a_column_and_a_column_is_few_files(tmp_path: Path) -> None:
     image = ArraySpec("front", (240, 320, 3), "uint8", Role.DERIVED)
     frames = [{"front": np.zeros((300, *image.shape), np.uint8) + np.arange(300, dtype=np.uint8)[:, None, None, None]}]
@@ -152,7 +181,10 @@ def test_two_arrays_of_one_name_are_refused(episodes: Path, columns: Path, tmp_p
         (speeds((5, 9)), r"for 2 of the 3 episodes of 0123456789abcdef"),
         (speeds((5, 9, 1, 1)), r"for more than the 3 episodes"),
         (speeds((5, 8, 1)), r"'speed' has 8 steps in episode 1 of 0123456789abcdef, which has 9"),
-        ([{"velocity": np.zeros(5, np.float32)}], r"episode 0 needs the columns \['speed'\], got \['velocity'\]"),
+        (
+            [{"velocity": np.zeros(5, np.float32)}],
+            r"episode 0 of 0123456789abcdef needs the columns \['speed'\], got \['velocity'\]",
+        ),
         ([{"speed": np.zeros(5)}], r"'speed' holds float64 but must hold float32"),
         ([{"speed": np.zeros((5, 1), np.float32)}], r"'speed' has shape \(1,\) a step"),
         ([{"speed": np.full(5, np.nan, np.float32)}], r"'speed' holds NaN or infinite values in episode 0"),
@@ -196,6 +228,9 @@ FORGERIES: dict[str, Edit] = {
     "name": lambda attributes: attributes["arrays"][0].update(name="../../etc"),
     "size": lambda attributes: attributes["arrays"][0].update(shape=[10**15]),
     "type": lambda attributes: attributes["arrays"][0].update(dtype="object"),
+    "covered": lambda attributes: attributes.update(covered=[1, 0, 1]),
+    "covered too few": lambda attributes: attributes.update(covered=[True]),
+    "drawn by": lambda attributes: attributes.update(drawn_by={"a": 1}),
     "episodes": lambda attributes: attributes.update(episodes="\x1b[2J" * 1000),
 }
 
