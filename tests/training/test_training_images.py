@@ -182,7 +182,7 @@ def estimator_of(spec, folder, **backbone):
     settings = {"views": VIEWS, "backbone": {**SMALL.model_dump(), **backbone}, "width": 8}
     config = EstimatedConfig.model_validate({"estimator": settings})
     folder.mkdir()
-    save_estimator(folder, build_estimator(config, spec, seed=4), "toy")
+    save_estimator(folder, build_estimator(config, "toy", spec, seed=4))
     return config
 
 
