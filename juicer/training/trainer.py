@@ -97,8 +97,7 @@ def train(
         scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
             training continues from it, bit for bit on a CPU.
         device: Torch device; a fact about the machine, not part of what is trained.
-        loaders: Processes that gather batches ahead of time; if None, some for a GPU and a policy that learns from
-            images.
+        loaders: Processes that gather batches ahead of time; if None, some if a GPU learns from images.
         weights: Where files of pretrained weights are looked for first.
         progress: Called with the steps done, the loss and the seconds left.
         metrics: Called with loss, learning rate and validation.
@@ -118,14 +117,12 @@ def train(
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
         network = build_policy(policy, tasks, torch_seed(seed, "weights"))
         pretrained = load_pretrained(network, weights)
-        # After what their own backbones started from.
-        network.encoders.take_estimators(estimators)
+        network.encoders.take_estimators(estimators)  # after what their own backbones started from
         loop = _set_up(episodes, sides, network, config, seed, torch_device, loaders, metrics or NullMetricSink())
         facts = loop.run(training_identity(episodes, _settings(policy, tasks, config, seed)), scratch, progress)
-    origins_taught = any(each.poses_taught for each in pretrained)
     return TrainedCheckpoint(
-        checkpoint=_checkpoint(loop.learner, config.steps, origins_taught),
-        observes=network.encoders.account + (", started from pose supervision" if origins_taught else ""),
+        checkpoint=_checkpoint(loop.learner, config.steps, pretrained),
+        observes=_observes(network, pretrained),
         facts={"device": torch_device.type, "precision": loop.learner.precision, **_origins(pretrained), **facts},
         use=use,
         losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
@@ -138,7 +135,12 @@ def _origins(pretrained: Sequence[Pretrained]) -> dict[str, str]:
     return {"pretrained": named} if named else {}
 
 
-def _checkpoint(learner: Learner, step: int, origins_taught: bool) -> Checkpoint:
+def _observes(network: PolicyNetwork, pretrained: Sequence[Pretrained]) -> str:
+    poses_taught = any(each.poses_taught for each in pretrained)
+    return network.encoders.account + (", started from pose supervision" if poses_taught else "")
+
+
+def _checkpoint(learner: Learner, step: int, pretrained: Sequence[Pretrained]) -> Checkpoint:
     network = learner.network
     metadata = CheckpointMetadata(
         schema_version=SCHEMA_VERSION,
@@ -148,7 +150,8 @@ def _checkpoint(learner: Learner, step: int, origins_taught: bool) -> Checkpoint
         step=step,
     )
     ema = None if learner.ema is None else _on_cpu(learner.ema)
-    return Checkpoint(metadata, _on_cpu(network), ema, origins_taught or network.encoders.learns_from_unseen_poses)
+    poses_taught = network.encoders.learns_from_unseen_poses or any(each.poses_taught for each in pretrained)
+    return Checkpoint(metadata, _on_cpu(network), ema, poses_taught)
 
 
 def cut_sides(
