@@ -116,8 +116,7 @@ def train(
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
         network = build_policy(policy, tasks, torch_seed(seed, "weights"))
-        pretrained = load_pretrained(network, weights)
-        network.encoders.take_estimators(estimators)  # after what their own backbones started from
+        pretrained = _fill(network, weights, estimators)
         loop = _set_up(episodes, sides, network, config, seed, torch_device, loaders, metrics or NullMetricSink())
         facts = loop.run(training_identity(episodes, _settings(policy, tasks, config, seed)), scratch, progress)
     return TrainedCheckpoint(
@@ -127,6 +126,14 @@ def train(
         use=use,
         losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
     )
+
+
+def _fill(network: PolicyNetwork, weights: Path, estimators: Sequence[Path]) -> tuple[Pretrained, ...]:
+    """Give a network all that it does not learn from nothing."""
+    pretrained = load_pretrained(network, weights)
+    # Only now, as backbones of estimators start from files, too.
+    network.encoders.take_estimators(estimators)
+    return pretrained
 
 
 def _origins(pretrained: Sequence[Pretrained]) -> dict[str, str]:
