@@ -154,19 +154,33 @@ def train(
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
         network = build_policy(policy, tasks, torch_seed(seed, "weights"))
-        pretrained = load_pretrained(network, weights)
-        # After what their own backbones started from.
-        network.encoders.take_estimators(estimators)
+        pretrained = _fill(network, weights, estimators)
         loop = _set_up(Imitation(episodes, sides, network, config, seed), torch_device, loaders, metrics)
         facts = loop.run(training_identity(episodes, _settings(policy, tasks, config, seed)), scratch, progress)
-    origins_taught = any(each.poses_taught for each in pretrained)
     return TrainedCheckpoint(
-        checkpoint=_checkpoint(loop.learner, config.steps, origins_taught),
-        observes=network.encoders.account + (", started from pose supervision" if origins_taught else ""),
+        checkpoint=_checkpoint(loop.learner, config.steps, pretrained),
+        observes=_observes(network, pretrained),
         facts={"device": torch_device.type, **_known_before(loop.learner, pretrained), **facts},
         use=use,
         losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
     )
+
+
+def _fill(network: PolicyNetwork, weights: Path, estimators: Sequence[Path]) -> tuple[Pretrained, ...]:
+    """Give a network all that it does not learn from nothing."""
+    pretrained = load_pretrained(network, weights)
+    # Only now, as backbones of estimators start from files, too.
+    network.encoders.take_estimators(estimators)
+    return pretrained
+
+
+def _started_from_poses(pretrained: Sequence[Pretrained]) -> bool:
+    return any(each.poses_taught for each in pretrained)
+
+
+def _observes(network: PolicyNetwork, pretrained: Sequence[Pretrained]) -> str:
+    account = network.encoders.account
+    return f"{account}, started from pose supervision" if _started_from_poses(pretrained) else account
 
 
 def _known_before(learner: Learner, pretrained: Sequence[Pretrained]) -> dict[str, str]:
@@ -182,7 +196,7 @@ def _known_before(learner: Learner, pretrained: Sequence[Pretrained]) -> dict[st
     return facts
 
 
-def _checkpoint(learner: Learner, step: int, origins_taught: bool) -> Checkpoint:
+def _checkpoint(learner: Learner, step: int, pretrained: Sequence[Pretrained]) -> Checkpoint:
     network = learner.network
     metadata = CheckpointMetadata(
         schema_version=SCHEMA_VERSION,
@@ -192,7 +206,8 @@ def _checkpoint(learner: Learner, step: int, origins_taught: bool) -> Checkpoint
         step=step,
     )
     ema = None if learner.ema is None else _on_cpu(learner.ema)
-    return Checkpoint(metadata, _on_cpu(network), ema, origins_taught or network.encoders.learns_from_unseen_poses)
+    poses_taught = _started_from_poses(pretrained) or network.encoders.learns_from_unseen_poses
+    return Checkpoint(metadata, _on_cpu(network), ema, poses_taught)
 
 
 def cut_sides(
