@@ -134,8 +134,7 @@ def train(
         scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
             training continues from it, bit for bit on a CPU.
         device: Torch device; a fact about the machine, not part of what is trained.
-        loaders: Processes that gather batches ahead of time; if None, some for a GPU and a policy that learns from
-            images.
+        loaders: Processes that gather batches ahead; if None, some for a GPU and a policy that learns from images.
         weights: Where files of pretrained weights are looked for first.
         progress: Called with the steps done, the loss and the seconds left.
         metrics: Called with loss, learning rate and validation.
