@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import torch
 from pydantic import Field
 
 from juicer.config import StrictConfig
 from juicer.policy.config import FeatureSpec
 from juicer.policy.encoders.estimated.config import EstimatedConfig
-from juicer.policy.encoders.estimated.estimator import Estimator
+from juicer.policy.encoders.estimated.estimator import Estimator, build_estimator
 from juicer.policy.model_files import expected_weights, read_metadata, read_weights, write_weights
 
 SCHEMA_VERSION = 1
@@ -59,10 +58,9 @@ def load_estimator(folder: Path) -> Estimator:
     )
 
     def build() -> Estimator:
-        return Estimator(metadata.encoder, metadata.task, metadata.spec)
+        return build_estimator(metadata.encoder, metadata.task, metadata.spec, seed=0)
 
     weights = read_weights(folder / WEIGHTS_FILE, expected_weights(build, "an estimator"))
-    with torch.random.fork_rng(devices=[]):
-        estimator = build()
+    estimator = build()
     estimator.load_state_dict(weights)
     return estimator.eval().requires_grad_(False)
