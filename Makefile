@@ -61,7 +61,7 @@ lock: setup ## Install the newest versions that pyproject.toml allows, and write
 gl: $(INSTALLED)
 	@test -e $(CAN_DRAW) || { scripts/ensure_gl.sh && touch $(CAN_DRAW); } || true
 
-looks: setup ## Install the meshes of the real robot, for films and reports
+looks: setup ## Install the meshes of the real robot, for videos and reports
 	@$(RUN)/pip install --quiet --no-deps dm-robotics-panda==0.4.8
 
 clean: ## Remove the virtual environment and caches; data/ stays

@@ -35,7 +35,7 @@ def main() -> None:
     options = parser.parse_args()
     context = gl_context_class()(MAX_WIDTH, MAX_HEIGHT)
     context.make_current()
-    print(f"{'task':<13} {'size':>8} {'ours':>8} {'physics':>9} {'ratio':>6} {'gaze':>8} {'film':>8}   ms a pair")
+    print(f"{'task':<13} {'size':>8} {'ours':>8} {'physics':>9} {'ratio':>6} {'gaze':>8} {'people':>8}   ms a pair")
     for name in options.tasks:
         with AssemblyEnv(name) as env:
             env.reset(seed=0)
