@@ -41,10 +41,10 @@ def main() -> None:
             env.reset(seed=0)
             physics = PhysicsDrawing(name, env)
             for width, height in SIZES:
-                ours, before, gaze, film = measured(env, physics, width, height, options.pairs)
+                ours, before, gaze, people = measured(env, physics, width, height, options.pairs)
                 print(
                     f"{name:<13} {f'{width}x{height}':>8} {ours:8.2f} {before:9.2f} {before / ours:6.1f} "
-                    f"{gaze:8.2f} {film:8.2f}",
+                    f"{gaze:8.2f} {people:8.2f}",
                     flush=True,
                 )
             physics.close()

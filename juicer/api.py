@@ -374,7 +374,7 @@ def images(
     """
     from juicer.library import drawing
 
-    return drawing.images(episode, steps, drawing.film_of(camera, width, height), captions=captions)
+    return drawing.images(episode, steps, drawing.video_format_of(camera, width, height), captions=captions)
 
 
 def video(
@@ -393,4 +393,4 @@ def video(
     """
     from juicer.library import drawing
 
-    return drawing.video(Path(path), episode, drawing.film_of(camera, width, height), speed)
+    return drawing.video(Path(path), episode, drawing.video_format_of(camera, width, height), speed)

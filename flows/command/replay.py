@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from juicer.artifacts.ref import ArtifactRef
     from juicer.artifacts.store import ArtifactStore
     from juicer.episode import Episode
-    from juicer.imaging.video import FilmFormat, Image
+    from juicer.imaging.video import Image, VideoFormat
     from juicer.views import View
 
 BOTH = "both"
@@ -56,7 +56,7 @@ def replay_episode(
     settings = read_settings()
     store = open_store(settings)
     ref = store.resolve(text)
-    film = _film(camera, size, views_of(store, ref) if ref.kind == "evaluation" else ())
+    video_format = _video_format(camera, size, views_of(store, ref) if ref.kind == "evaluation" else ())
     index = _number(store, ref, episode_name)
     video = video or Path(f"{ref.id}-{index}.mp4")
     _check_place(video)
@@ -65,16 +65,16 @@ def replay_episode(
         chosen = _choose(store, ref, index, run_context.board, settings.device)
         episode = chosen.episode
         steps = every(episode, stride)
-        captioner = _captioner(chosen, film)
+        captioner = _captioner(chosen, video_format)
         progress = run_context.board.started("replay", video.name)
 
         def images() -> Iterator[Image]:
-            for done, image in enumerate(captioner.captioned(draw(episode, steps, film)), start=1):
+            for done, image in enumerate(captioner.captioned(draw(episode, steps, video_format)), start=1):
                 progress(done, len(steps))
                 yield image
 
         frames = write_video(video, images(), rate)
-        strip = _write_strip(episode, film, video)
+        strip = _write_strip(episode, video_format, video)
     _report(chosen, video, strip, len(steps) - frames, as_json)
 
 
@@ -95,14 +95,14 @@ def _number(store: ArtifactStore, ref: ArtifactRef, name: str) -> int:
     return found[0]
 
 
-def _film(camera: str, size: str, views: tuple[View, ...]) -> FilmFormat:
-    from juicer.imaging.video import FilmFormat
+def _video_format(camera: str, size: str, views: tuple[View, ...]) -> VideoFormat:
+    from juicer.imaging.video import VideoFormat
     from juicer.views import CAMERAS
 
     parts = re.fullmatch(r"([0-9]{1,5})x([0-9]{1,5})", size)
     if parts is None:
         raise ConfigError(f"size '{size}' must be the width and height of a camera's image, e.g. 480x360")
-    return FilmFormat(CAMERAS if camera == BOTH else (camera,), int(parts[1]), int(parts[2]), views)
+    return VideoFormat(CAMERAS if camera == BOTH else (camera,), int(parts[1]), int(parts[2]), views)
 
 
 def _check_place(video: Path) -> None:
@@ -151,7 +151,7 @@ def _pace(speed: float) -> tuple[int, Fraction]:
     return stride, steps_a_second / stride
 
 
-def _captioner(chosen: Chosen, film: FilmFormat) -> Any:
+def _captioner(chosen: Chosen, video_format: VideoFormat) -> Any:
     from juicer.imaging.captions import Captioner, describe, ending
 
     record = chosen.episode.record
@@ -159,14 +159,14 @@ def _captioner(chosen: Chosen, film: FilmFormat) -> Any:
     if chosen.evaluated and chosen.evaluated.differences:
         row = chosen.evaluated.row
         title.append(f"the evaluation recorded {row.outcome.value} after {row.length} steps")
-    return Captioner(chosen.episode, film, title)
+    return Captioner(chosen.episode, video_format, title)
 
 
-def _write_strip(episode: Episode, film: FilmFormat, video: Path) -> Path:
+def _write_strip(episode: Episode, video_format: VideoFormat, video: Path) -> Path:
     from juicer.imaging.captions import Captioner
-    from juicer.imaging.video import FilmFormat, draw, evenly_spaced, write_strip
+    from juicer.imaging.video import VideoFormat, draw, evenly_spaced, write_strip
 
-    small = FilmFormat(film.cameras[:1], *STRIP_SIZE)
+    small = VideoFormat(video_format.cameras[:1], *STRIP_SIZE)
     strip = video.with_suffix(".png")
     frames = draw(episode, evenly_spaced(episode, STRIP_IMAGES), small)
     write_strip(strip, list(Captioner(episode, small).captioned(frames)))

@@ -10,7 +10,7 @@ import PIL.Image
 from PIL import ImageDraw, ImageFont
 
 from juicer.episode import Episode, EpisodeRecord, Outcome
-from juicer.imaging.video import FilmFormat, Frame, Image
+from juicer.imaging.video import Frame, Image, VideoFormat
 from juicer.sim.env import STEP_S
 from juicer.text import printable
 from juicer.views import View
@@ -59,25 +59,25 @@ class Captioner:
 
     Attributes:
         episode: Whose frames they are.
-        film: How they were drawn.
+        video_format: How they were drawn.
         title: Items of the title; none leaves it out.
         text_px: Height of the letters; chosen by the size of the images if left out.
     """
 
     episode: Episode
-    film: FilmFormat
+    video_format: VideoFormat
     title: Sequence[str] = ()
     text_px: int | None = None
     _lines: list[str] = field(init=False)
 
     def __post_init__(self) -> None:
         """Choose letters, and break the title into lines."""
-        size = self.text_px or max(13, round(self.film.height / 20))
+        size = self.text_px or max(13, round(self.video_format.height / 20))
         self._small_px, self._large_px = size, round(1.3 * size)
         self._font = ImageFont.load_default(self._small_px)
         self._large = ImageFont.load_default(self._large_px)
         self._row = round(1.45 * size)
-        self._inner_width = len(self.film.cameras) * (self.film.width + GAP) - GAP
+        self._inner_width = len(self.video_format.cameras) * (self.video_format.width + GAP) - GAP
         self._margin = max(6, size // 2)
         self._lines = _broken([printable(item, _LONGEST) for item in self.title], self._font, self._room)
 
@@ -94,18 +94,18 @@ class Captioner:
         """The image of one frame."""
         titled = len(self._lines) * self._row
         header = titled + round(2.9 * self._row) + self._margin // 2
-        height = header + self.film.height + (GAP + self._views_height if self.film.views else 0)
+        height = header + self.video_format.height + (GAP + self._views_height if self.video_format.views else 0)
         canvas = PIL.Image.new("RGB", (self._inner_width + self._inner_width % 2, height + height % 2), _PAGE)
         pen = ImageDraw.Draw(canvas)
         for number, line in enumerate(self._lines):
             pen.text((self._margin, self._margin // 2 + number * self._row), line, _INK, self._font)
         self._tell(pen, frame.step, titled)
-        for place, (camera, image) in enumerate(zip(self.film.cameras, frame.images, strict=True)):
-            left = place * (self.film.width + GAP)
+        for place, (camera, image) in enumerate(zip(self.video_format.cameras, frame.images, strict=True)):
+            left = place * (self.video_format.width + GAP)
             canvas.paste(PIL.Image.fromarray(image), (left, header))
             self._label(pen, camera, left, header)
-        left, top = 0, header + self.film.height + GAP
-        for view, image in zip(self.film.views, frame.seen, strict=True):
+        left, top = 0, header + self.video_format.height + GAP
+        for view, image in zip(self.video_format.views, frame.seen, strict=True):
             # Every pixel is shown as it is: they are what the policy saw.
             shown = PIL.Image.fromarray(image).resize(self._shown(view), PIL.Image.Resampling.NEAREST)
             canvas.paste(shown, (left, top))
@@ -116,8 +116,10 @@ class Captioner:
     @property
     def _views_height(self) -> int:
         """Height of the views in a row that is as wide as the cameras' images, and at most as high."""
-        shape = sum(view.width / view.height for view in self.film.views)
-        return min(self.film.height, int((self._inner_width - GAP * (len(self.film.views) - 1)) / shape))
+        shape = sum(view.width / view.height for view in self.video_format.views)
+        return min(
+            self.video_format.height, int((self._inner_width - GAP * (len(self.video_format.views) - 1)) / shape)
+        )
 
     def _shown(self, view: View) -> tuple[int, int]:
         return max(1, int(self._views_height * view.width / view.height)), self._views_height

@@ -12,14 +12,14 @@ class Look:
 
     Attributes:
         robot: How the robot looks.
-        is_film: Whether edges are smoothed and things cast shadows, for people. A policy's images do without: they
+        for_people: Whether edges are smoothed and things cast shadows, for people. A policy's images do without: they
             cost a fraction.
     """
 
     robot: Literal["primitives", "mesh"] = "primitives"
-    is_film: bool = False
+    for_people: bool = False
 
     @property
     def samples(self) -> int:
         """Samples a pixel."""
-        return 4 if self.is_film else 0
+        return 4 if self.for_people else 0

@@ -122,9 +122,9 @@ class RenderWorker:
 _WORKER = RenderWorker()
 
 
-def film_look() -> Look:
+def look_for_people() -> Look:
     """The best look that can be drawn here."""
-    return Look("mesh" if has_panda_mesh() else "primitives", is_film=True)
+    return Look("mesh" if has_panda_mesh() else "primitives", for_people=True)
 
 
 class ViewRenderer:
@@ -173,7 +173,7 @@ class ViewRenderer:
             largest = f"{MAX_WIDTH}x{MAX_HEIGHT}"
             raise ConfigError(f"an image measures 1x1 to {largest} pixels, got {shown(width)}x{shown(height)}")
         width, height = int(width), int(height)
-        return self._draw(film_look(), qpos, camera, Frustum.of_image(width, height), width, height)
+        return self._draw(look_for_people(), qpos, camera, Frustum.of_image(width, height), width, height)
 
     def _draw(
         self, look: Look, qpos: Positions, camera: str, frustum: Frustum, width: int, height: int, samples: int = 1
@@ -244,7 +244,7 @@ class _Canvas:
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
         self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + model.nsite)
         for effect in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
-            self._scene.flags[effect] = look.is_film
+            self._scene.flags[effect] = look.for_people
         self._options = mujoco.MjvOption()
         self._camera_ids = {name: model.camera(name).id for name in CAMERAS}
         self._camera = mujoco.MjvCamera()

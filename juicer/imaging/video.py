@@ -28,7 +28,7 @@ VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv")
 
 
 @dataclass(frozen=True)
-class FilmFormat:
+class VideoFormat:
     """What is shown of a scene.
 
     Attributes:
@@ -57,7 +57,7 @@ class FilmFormat:
 
 @dataclass(frozen=True)
 class Frame:
-    """A step as every camera of a film saw it.
+    """A step as every camera of a video saw it.
 
     Attributes:
         step: The images show the state before the action of this step; the step after the last is the end.
@@ -70,7 +70,7 @@ class Frame:
     seen: tuple[Image, ...] = ()
 
 
-def draw(episode: Episode, steps: Iterable[int], film: FilmFormat) -> Iterator[Frame]:
+def draw(episode: Episode, steps: Iterable[int], video_format: VideoFormat) -> Iterator[Frame]:
     """Frames of the given steps; those whose state is not finite or cannot be restored are left out.
 
     A simulation that diverged ends in such a state.
@@ -93,12 +93,12 @@ def draw(episode: Episode, steps: Iterable[int], film: FilmFormat) -> Iterator[F
                     raise
                 continue  # the simulation had diverged there
             is_restorable = True
-            qpos, size = env.data.qpos, (film.width, film.height)
+            qpos, size = env.data.qpos, (video_format.width, video_format.height)
             end_effector = env.observation()["proprioception"][:3]
             yield Frame(
                 step,
-                tuple(renderer.draw_for_people(qpos, camera, *size) for camera in film.cameras),
-                tuple(renderer.draw(qpos, view, end_effector) for view in film.views),
+                tuple(renderer.draw_for_people(qpos, camera, *size) for camera in video_format.cameras),
+                tuple(renderer.draw(qpos, view, end_effector) for view in video_format.views),
             )
     finally:
         renderer.close()

@@ -101,7 +101,7 @@ def _walls() -> Iterator[Painted]:
 
 def _add_light(spec: mujoco.MjSpec, look: Look) -> None:
     """A lamp above the front, and some light from everywhere: more of it where things cast shadows."""
-    from_everywhere, from_the_lamp, gloss = (0.7, 0.42, 0.25) if look.is_film else (0.5, 0.55, 0.0)
+    from_everywhere, from_the_lamp, gloss = (0.7, 0.42, 0.25) if look.for_people else (0.5, 0.55, 0.0)
     headlight = spec.visual.headlight
     headlight.ambient, headlight.diffuse = (0.65 * from_everywhere,) * 3, (0.35 * from_everywhere,) * 3
     headlight.specular = (0.0,) * 3

@@ -10,31 +10,31 @@ import numpy as np
 from juicer.episode import Episode
 from juicer.errors import ConfigError
 from juicer.imaging.captions import Captioner, describe, ending
-from juicer.imaging.video import FilmFormat, Image, draw, evenly_spaced, every, write_video
+from juicer.imaging.video import Image, VideoFormat, draw, evenly_spaced, every, write_video
 from juicer.sim.arguments import checked_count, is_whole, shown
 from juicer.sim.env import CONTROL_HZ
 
 
-def images(episode: Episode, steps: int | Iterable[int], film: FilmFormat, *, captions: bool) -> list[Image]:
-    """An image a step, the film's cameras side by side; see :func:`juicer.api.images`."""
-    frames = draw(_checked(episode), _chosen(episode, steps), film)
+def images(episode: Episode, steps: int | Iterable[int], video_format: VideoFormat, *, captions: bool) -> list[Image]:
+    """An image a step, the video's cameras side by side; see :func:`juicer.api.images`."""
+    frames = draw(_checked(episode), _chosen(episode, steps), video_format)
     if captions:
-        return list(Captioner(episode, film).captioned(frames))
+        return list(Captioner(episode, video_format).captioned(frames))
     return [np.concatenate(frame.images, axis=1) for frame in frames]
 
 
-def video(path: Path, episode: Episode, film: FilmFormat, speed: float) -> Path:
+def video(path: Path, episode: Episode, video_format: VideoFormat, speed: float) -> Path:
     """Write a video; see :func:`juicer.api.video`."""
     if not isinstance(speed, int | float) or not 0.1 <= speed <= 100:
         raise ConfigError(f"speed must be a number from 0.1 to 100, got {shown(speed)}")
     title = [*describe(_checked(episode).record), f"initial state {episode.record.seed}", ending(episode)]
-    frames = draw(episode, every(episode, 1), film)
-    write_video(path, Captioner(episode, film, title).captioned(frames), round(CONTROL_HZ * speed))
+    frames = draw(episode, every(episode, 1), video_format)
+    write_video(path, Captioner(episode, video_format, title).captioned(frames), round(CONTROL_HZ * speed))
     return path
 
 
-def film_of(camera: str | Sequence[str], width: int, height: int) -> FilmFormat:
-    """A film's format from arguments.
+def video_format_of(camera: str | Sequence[str], width: int, height: int) -> VideoFormat:
+    """A video's format from arguments.
 
     Raises:
         ConfigError: If they do not make one.
@@ -42,7 +42,7 @@ def film_of(camera: str | Sequence[str], width: int, height: int) -> FilmFormat:
     cameras = (camera,) if isinstance(camera, str) else camera
     if not isinstance(cameras, Sequence) or not cameras:
         raise ConfigError(f"camera must be the name of a camera or several, got {shown(camera)}")
-    return FilmFormat(tuple(cameras), checked_count("width", width), checked_count("height", height))
+    return VideoFormat(tuple(cameras), checked_count("width", width), checked_count("height", height))
 
 
 def _checked(episode: Episode) -> Episode:

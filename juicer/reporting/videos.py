@@ -12,14 +12,14 @@ import numpy as np
 
 from juicer.episode import Episode, Outcome
 from juicer.imaging.captions import Captioner, ending
-from juicer.imaging.video import FilmFormat, Frame, Image, draw, evenly_spaced, every, write_video
+from juicer.imaging.video import Frame, Image, VideoFormat, draw, evenly_spaced, every, write_video
 from juicer.progress import Progress
 from juicer.reporting.content import EpisodeVideo, Moment
 from juicer.sim.env import STEP_S
 from juicer.views import View
 
 MOMENTS = 8
-FILM = FilmFormat(width=320, height=240)
+FORMAT = VideoFormat(width=320, height=240)
 TEXT_PX = 19
 """Letters that stay legible when the video is as narrow as a telephone."""
 
@@ -73,15 +73,15 @@ def _make_video(example: Example, path: Path, progress: Progress) -> EpisodeVide
     stride = max(SMALLEST_STRIDE, math.ceil(len(episode) / MOST_FRAMES))
     steps = every(episode, stride)
     moments = _moments(episode)
-    film = replace(FILM, views=example.views)
-    captioner = Captioner(episode, film, [example.model, ending(episode)], TEXT_PX)
+    video_format = replace(FORMAT, views=example.views)
+    captioner = Captioner(episode, video_format, [example.model, ending(episode)], TEXT_PX)
     stills: dict[int, Image] = {}
     shown: list[int] = []
     poster: list[Image] = []
 
     def images() -> Iterator[Image]:
         frame: Frame
-        for frame in draw(episode, sorted({*steps, *moments}), film):
+        for frame in draw(episode, sorted({*steps, *moments}), video_format):
             if frame.step in moments:
                 stills[frame.step] = frame.images[0]
             if frame.step in steps:

@@ -9,16 +9,16 @@ import pytest
 
 from juicer.episode import DEMONSTRATION, Outcome, Source
 from juicer.imaging.captions import GAP, Captioner, describe, ending
-from juicer.imaging.video import FilmFormat, Frame
+from juicer.imaging.video import Frame, VideoFormat
 from juicer.views import View
 
-BOTH = FilmFormat(width=320, height=240)
+BOTH = VideoFormat(width=320, height=240)
 MILESTONES = {"top_placed": 3, "leg_lifted": 7}
 
 
-def frame_of(film, step):
-    image = np.full((film.height, film.width, 3), 90, np.uint8)
-    return Frame(step, (image,) * len(film.cameras))
+def frame_of(video_format, step):
+    image = np.full((video_format.height, video_format.width, 3), 90, np.uint8)
+    return Frame(step, (image,) * len(video_format.cameras))
 
 
 def test_an_episode_is_described_by_what_its_record_holds(episode_factory):
@@ -29,14 +29,14 @@ def test_an_episode_is_described_by_what_its_record_holds(episode_factory):
     assert ending(snippet) == "timeout after 12 steps"
 
 
-@pytest.mark.parametrize("film", [BOTH, FilmFormat(("wrist",), 161, 121), FilmFormat(width=1280, height=720)])
-def test_captioned_images_are_even_and_hold_the_cameras_images_unchanged(episode_factory, film):
+@pytest.mark.parametrize("video_format", [BOTH, VideoFormat(("wrist",), 161, 121), VideoFormat(width=1280, height=720)])
+def test_captioned_images_are_even_and_hold_the_cameras_images_unchanged(episode_factory, video_format):
     episode = episode_factory(12, milestones=MILESTONES)
-    image = Captioner(episode, film, ["one_leg", "initial state 3"]).caption(frame_of(film, 5))
+    image = Captioner(episode, video_format, ["one_leg", "initial state 3"]).caption(frame_of(video_format, 5))
     height, width, _ = image.shape
     assert height % 2 == width % 2 == 0
-    assert width - (len(film.cameras) * (film.width + GAP) - GAP) in (0, 1)
-    assert np.all(image[height - film.height : height - 1, film.width // 2] == 90)
+    assert width - (len(video_format.cameras) * (video_format.width + GAP) - GAP) in (0, 1)
+    assert np.all(image[height - video_format.height : height - 1, video_format.width // 2] == 90)
 
 
 def test_every_step_milestone_and_the_outcome_change_the_caption(episode_factory):
@@ -68,8 +68,8 @@ def test_steps_of_a_demonstration_are_told_as_those_of_the_recording(episode_fac
 @pytest.mark.parametrize("text", ["\x1b[2J\n", "w" * 10_000, "\ud800 \u202e", "日本語", ""])
 def test_no_text_breaks_a_caption(episode_factory, text):
     episode = episode_factory(12, milestones={text: 2, "leg_lifted": 3}, device=text)
-    film = FilmFormat(("front",), 160, 120)
-    image = Captioner(episode, film, [text, *describe(episode.record)]).caption(frame_of(film, 12))
+    video_format = VideoFormat(("front",), 160, 120)
+    image = Captioner(episode, video_format, [text, *describe(episode.record)]).caption(frame_of(video_format, 12))
     assert image.shape[1] == 160
     assert len(image) < 400
 
@@ -81,10 +81,10 @@ def test_a_title_too_long_for_a_line_takes_several(episode_factory):
 
 
 def test_the_outcome_stands_clear_of_the_time(episode_factory):
-    film = FilmFormat(("front",), 240, 180)
+    video_format = VideoFormat(("front",), 240, 180)
     episode = episode_factory(300)
-    end = Captioner(episode, film).caption(frame_of(film, 300))
-    row = end[: end.shape[0] - film.height - 20]
+    end = Captioner(episode, video_format).caption(frame_of(video_format, 300))
+    row = end[: end.shape[0] - video_format.height - 20]
     green = np.flatnonzero(((row[..., 1] > 180) & (row[..., 0] < 160)).any(axis=0))
     before = row[:, green[0] - 4 : green[0] - 1]
     assert before.max() < 60
@@ -92,12 +92,15 @@ def test_the_outcome_stands_clear_of_the_time(episode_factory):
 
 def test_what_the_policy_saw_stands_below_the_cameras_pixel_by_pixel(episode_factory):
     views = (View(camera="front", width=32, height=16), View(camera="wrist", width=16, height=16))
-    film = replace(BOTH, views=views)
+    video_format = replace(BOTH, views=views)
     rng = np.random.default_rng(0)
     seen = tuple(rng.integers(0, 256, (view.height, view.width, 3), dtype=np.uint8) for view in views)
-    frame = replace(frame_of(film, 5), seen=seen)
+    frame = replace(frame_of(video_format, 5), seen=seen)
     episode = episode_factory(12)
-    image, without = Captioner(episode, film).caption(frame), Captioner(episode, BOTH).caption(frame_of(BOTH, 5))
+    image, without = (
+        Captioner(episode, video_format).caption(frame),
+        Captioner(episode, BOTH).caption(frame_of(BOTH, 5)),
+    )
     assert image.shape[1] == without.shape[1]
     assert np.array_equal(image[: len(without) - 1], without[:-1])
     row = image[len(without) :]

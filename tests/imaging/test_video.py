@@ -12,7 +12,7 @@ import pytest
 
 from juicer.episode import STATE_KEY, Episode
 from juicer.errors import ConfigError, InvalidEpisode
-from juicer.imaging.video import FilmFormat, Image, draw, every, write_strip, write_video
+from juicer.imaging.video import Image, VideoFormat, draw, every, write_strip, write_video
 from juicer.sim.env import AssemblyEnv
 from juicer.views import CAMERAS, View
 
@@ -63,7 +63,7 @@ def test_a_strip_shows_images_side_by_side_and_no_draft_stays(tmp_path: Path):
 def test_an_episode_is_seen_by_every_camera_from_its_first_state_to_its_end(drawing: None, insertions: list[Episode]):
     episode = insertions[0]
     steps = every(episode, 10)
-    frames = list(draw(episode, steps, FilmFormat(width=160, height=120)))
+    frames = list(draw(episode, steps, VideoFormat(width=160, height=120)))
     assert [frame.step for frame in frames] == steps == [0, 10, 20, 30, 40, len(episode)]
     assert all(len(frame.images) == len(CAMERAS) for frame in frames)
     assert all(image.shape == (120, 160, 3) for frame in frames for image in frame.images)
@@ -73,7 +73,7 @@ def test_an_episode_is_seen_by_every_camera_from_its_first_state_to_its_end(draw
 def test_a_state_that_is_no_number_is_left_out(drawing: None, insertions: list[Episode]):
     final = {**insertions[0].final, STATE_KEY: np.full_like(insertions[0].final[STATE_KEY], np.nan)}
     diverged = replace(insertions[0], final=final)
-    (frame,) = draw(diverged, [0, len(diverged)], FilmFormat(cameras=("front",), width=160, height=120))
+    (frame,) = draw(diverged, [0, len(diverged)], VideoFormat(cameras=("front",), width=160, height=120))
     assert frame.step == 0
 
 
@@ -83,7 +83,7 @@ def test_a_state_of_an_explosion_is_left_out_and_one_of_another_scene_is_refused
     states = np.array(insertions[0].steps[STATE_KEY], dtype=np.float64)
     states[3:] *= 1e6
     exploded = replace(insertions[0], steps={**insertions[0].steps, STATE_KEY: states})
-    small = FilmFormat(cameras=("front",), width=160, height=120)
+    small = VideoFormat(cameras=("front",), width=160, height=120)
     assert [frame.step for frame in draw(exploded, [0, 2, 4], small)] == [0, 2]
     other = replace(
         insertions[0],
@@ -97,13 +97,13 @@ def test_a_state_of_an_explosion_is_left_out_and_one_of_another_scene_is_refused
 @pytest.mark.parametrize("size", [(0, 0), (160, 119), (1281, 720), (99999, 99999), (-480, 360)])
 def test_a_size_that_cannot_be_drawn_or_read_is_refused(size: tuple[int, int]):
     with pytest.raises(ConfigError, match="measures 160x120 to 1280x720 pixels"):
-        FilmFormat(width=size[0], height=size[1])
+        VideoFormat(width=size[0], height=size[1])
 
 
 def test_a_film_shows_what_a_policy_saw(drawing, insertions):
     view = View(camera="wrist", width=24, height=16)
-    film = FilmFormat(("front",), 160, 120, (view,))
-    (frame,) = draw(insertions[0], [7], film)
+    video_format = VideoFormat(("front",), 160, 120, (view,))
+    (frame,) = draw(insertions[0], [7], video_format)
     env = AssemblyEnv("one_leg")
     env.set_state(insertions[0].state(7))
     np.testing.assert_array_equal(frame.seen[0], env.render_view(view))
