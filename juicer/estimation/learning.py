@@ -167,7 +167,7 @@ class _Loop:
         losses, gradients = zip(*self._pool.map(self._gradients, rows.chunk(self._parts)), strict=True)
         parameters = self._optimisation.parameters
         for parameter, parts in zip(parameters, zip(*gradients, strict=True), strict=True):
-            parameter.grad = torch.stack(parts).sum(dim=0)
+            parameter.grad = sum(parts[1:], start=parts[0])
         torch.nn.utils.clip_grad_norm_(parameters, LARGEST_GRADIENT)
         self._optimisation.step(step)
         return float(sum(losses))

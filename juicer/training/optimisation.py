@@ -76,6 +76,10 @@ class Optimisation(Generic[Network]):
         Args:
             step: Its number, from 0.
         """
+        for parameter in self.parameters:
+            # The fused AdamW pairs numbers of weights and gradients as they lie in memory, and looks at no strides.
+            if parameter.grad is not None and parameter.grad.stride() != parameter.stride():
+                parameter.grad = torch.empty_like(parameter).copy_(parameter.grad)
         self._optimizer.param_groups[0]["lr"] = self.schedule.rate(step)
         self._optimizer.step()
         self._update_average(step)

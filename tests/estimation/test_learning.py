@@ -8,7 +8,14 @@ import torch
 
 from juicer.errors import TrainingFailed
 from juicer.estimation.drawn import DrawnStates
-from juicer.estimation.learning import learn, measure
+from juicer.estimation.learning import (
+    AVERAGE_DECAY,
+    LARGEST_GRADIENT,
+    WARMUP_STEPS,
+    WEIGHT_DECAY,
+    learn,
+    measure,
+)
 from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 from juicer.policy.config import FeatureSpec, PairSpec
 from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
@@ -18,6 +25,7 @@ from juicer.policy.feature_spec import feature_spec
 from juicer.sim.env import AssemblyEnv
 from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import Grasp, Insertion
+from juicer.training.optimisation import Optimisation, Schedule
 from juicer.views import View
 
 VIEW = View(camera="front", width=16, height=16)
@@ -125,6 +133,29 @@ def test_a_killed_training_goes_on_to_the_same_weights(tmp_path, monkeypatch):
     assert seen[0] == 25
     for name, value in whole.state_dict().items():
         torch.testing.assert_close(resumed.state_dict()[name], value, rtol=0, atol=0, msg=name)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_its_steps_are_those_of_a_plain_optimiser(threads):
+    config = configuration(steps=3, threads=threads, precision="fp32", batch_size=64)
+    drawn = drawn_states()
+    plain = build_estimator(config, "toy", spec(), seed=0)
+    observations = {name: torch.from_numpy(values) for name, values in drawn.observations.items()}
+    features = state_features(observations, plain.spec, config.features)
+    plain.normalizer.fit(features)
+    images = [torch.from_numpy(drawn.images[VIEW.name].copy())]
+    schedule = Schedule(config.estimator.learning_rate, WARMUP_STEPS, config.estimator.steps)
+    optimisation = Optimisation(plain, schedule, weight_decay=WEIGHT_DECAY, average_decay=AVERAGE_DECAY)
+    for step in range(3):
+        optimisation.forget_gradients()
+        plain.compute_loss(plain.see(images, features[:, :16]), features).backward()
+        torch.nn.utils.clip_grad_norm_(plain.parameters(), LARGEST_GRADIENT)
+        optimisation.step(step)
+
+    network = build_estimator(config, "toy", spec(), seed=0)
+    learn(network, drawn, drawn_states(32, seed=1), CRITICAL_STATES, seed=0, identity="x")
+    for name, value in plain.state_dict().items():
+        torch.testing.assert_close(network.state_dict()[name], value, rtol=1e-3, atol=1e-5, msg=name)
 
 
 def test_threads_share_a_batch_and_change_nothing_but_last_digits():

@@ -38,3 +38,21 @@ def test_any_network_continues_bit_for_bit_from_its_tensors():
     for name, value in whole.tensors().items():
         assert torch.equal(resumed.tensors()[name], value), name
     assert resumed.acting is resumed.average
+
+
+@pytest.mark.parametrize("weights_lie", [torch.contiguous_format, torch.channels_last])
+@pytest.mark.parametrize("gradients_lie", [torch.contiguous_format, torch.channels_last])
+def test_how_weights_and_gradients_lie_in_memory_changes_nothing(weights_lie, gradients_lie):
+    def moved(weights_lie, gradients_lie):
+        torch.manual_seed(0)
+        network = nn.Conv2d(3, 4, 3).to(memory_format=weights_lie)
+        optimisation = Optimisation(network, Schedule(0.1, 1, 20), weight_decay=0.01, average_decay=None)
+        for step in range(3):
+            network.bias.grad = torch.ones(4)
+            network.weight.grad = torch.randn(4, 3, 3, 3).contiguous(memory_format=gradients_lie)
+            optimisation.step(step)
+        return network.weight
+
+    torch.testing.assert_close(
+        moved(weights_lie, gradients_lie), moved(torch.contiguous_format, torch.contiguous_format)
+    )
