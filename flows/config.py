@@ -234,7 +234,7 @@ def load_runs(source: Path | str, overrides: Sequence[str] = ()) -> tuple[RunCon
     Raises:
         ConfigError: If a file is missing, or a key or value is not valid.
     """
-    return runs_of(read_written(source).assigning(overrides, Path.cwd()), str(source))
+    return runs_of(read_written(source, overrides), str(source))
 
 
 def parse_runs(content: Mapping[str, Any] | str, origin: str, overrides: Sequence[str] = ()) -> tuple[RunConfig, ...]:
@@ -249,7 +249,7 @@ def parse_runs(content: Mapping[str, Any] | str, origin: str, overrides: Sequenc
     Raises:
         ConfigError: If a key or value is not valid.
     """
-    return runs_of(take_written(content, origin).assigning(overrides, None), origin)
+    return runs_of(take_written(content, origin, overrides), origin)
 
 
 def runs_of(written: Written, origin: str) -> tuple[RunConfig, ...]:

@@ -122,30 +122,38 @@ def settled(written: Written) -> Written:
     return result
 
 
-def read_written(source: Path | str) -> Written:
+def read_written(source: Path | str, assignments: Sequence[str] = ()) -> Written:
     """A configuration by its path, or by its name if it comes with juicer, laid over its base.
 
+    Args:
+        source: The path or the name.
+        assignments: What goes before what it says; paths in them are relative to the working directory.
+
     Raises:
-        ConfigError: If a file is missing or cannot be read.
+        ConfigError: If a file is missing or cannot be read, or an assignment is none.
     """
     text = str(source)
     if is_name(text):
-        return _over_base(*_from_file(find_configuration(text)))
-    path = _path(text, Path(), "the configuration", "it")
-    if path.stem in names(CONFIGS) and not _exists(path):
-        raise ConfigError(f"config file '{path}' does not exist; the one that comes with juicer is run as {path.stem}")
-    return _over_base(*_from_file(path))
+        path = find_configuration(text)
+    else:
+        path = _path(text, Path(), "the configuration", "it")
+        if path.stem in names(CONFIGS) and not _exists(path):
+            raise ConfigError(
+                f"config file '{path}' does not exist; the one that comes with juicer is run as {path.stem}"
+            )
+    return _assigned(*_from_file(path), assignments, Path.cwd())
 
 
-def take_written(content: Mapping[str, Any] | str, origin: str) -> Written:
+def take_written(content: Mapping[str, Any] | str, origin: str, assignments: Sequence[str] = ()) -> Written:
     """A configuration that stands in no file, laid over its base; paths in it must be absolute.
 
     Args:
         content: Its keys and values, or YAML.
         origin: What to call it in errors.
+        assignments: What goes before what it says; paths in them must be absolute, too.
 
     Raises:
-        ConfigError: If it is not valid YAML, too large, or a path is relative.
+        ConfigError: If it is not valid YAML, too large, or a path is relative, or an assignment is none.
     """
     try:
         if isinstance(content, str):
@@ -159,7 +167,23 @@ def take_written(content: Mapping[str, Any] | str, origin: str) -> Written:
     if not isinstance(values, Mapping):
         raise ConfigError(f"{origin}: it must hold a mapping of keys to values")
     places = {keys: f"{origin}, line {line}" for keys, line in document.lines.items() if keys}
-    return _over_base(Written(_with_paths(values, None, origin), places), None)
+    return _assigned(Written(_with_paths(values, None, origin), places), None, assignments, None)
+
+
+def _assigned(written: Written, folder: Path | None, assignments: Sequence[str], here: Path | None) -> Written:
+    """A configuration laid over its base, with assignments applied; one of them may name another base.
+
+    Args:
+        written: The content.
+        folder: What its paths are relative to.
+        assignments: As :meth:`Written.assigning` takes them.
+        here: What paths in them are relative to.
+    """
+    bases = [text for text in assignments if _assignment(text)[0] == (BASE_KEY,)]
+    if bases:
+        # It decides what the other assignments apply to.
+        written, folder = written.assigning(bases, here), here
+    return _over_base(written, folder).assigning([text for text in assignments if text not in bases], here)
 
 
 def _from_file(path: Path) -> tuple[Written, Path]:

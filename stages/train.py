@@ -66,11 +66,11 @@ def train(
     # In the order of the registry, which gives tasks their numbers; one that is not there is refused.
     tasks = {name: feature_spec(name) for name in sorted(shown, key=[*TASK_NAMES, *shown].index)}
     encoders = outline(config.policy, tasks)
-    names = [spec.name for spec in encoders.lesson_numbers]
+    names = [spec.name for spec in encoders.training_numbers]
     groups = [Chosen(_open(context.store, group), group) for group in grouped(rows)]
     curves = CurveWriter(context.draft.scratch, context.metrics)
     episodes = concatenate([read_episodes(*group, tasks, names) for group in groups])
-    images = unpack_images(groups, encoders.lesson_images, context.draft.scratch / "images", context.progress)
+    images = unpack_images(groups, encoders.training_images, context.draft.scratch / "images", context.progress)
     trained = train_policy(
         [replace(episodes, observations={**episodes.observations, **images})],
         config.policy,

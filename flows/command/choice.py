@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from juicer.errors import ConfigError, did_you_mean
@@ -59,7 +58,7 @@ class Choice:
         from flows.config import FLOW_KEY
         from flows.written import TASKS_KEY, read_written, settled
 
-        written = read_written(self.source).assigning(self.overrides, Path.cwd())
+        written = read_written(self.source, self.overrides)
         is_study = written.values.get(FLOW_KEY) == "study"
         for option, key, chosen in (
             ("--condition", "condition", list(self.conditions)),

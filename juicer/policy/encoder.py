@@ -45,7 +45,7 @@ class ObservationEncoder(nn.Module, ABC):
     begins_with_proprioception: ClassVar[bool] = False
 
     @property
-    def lessons(self) -> tuple[ArraySpec, ...]:
+    def training_observations(self) -> tuple[ArraySpec, ...]:
         """What it is shown in training: what it sees, unless it learns from what nobody sees when acting."""
         return self.observations
 
@@ -59,7 +59,7 @@ class ObservationEncoder(nn.Module, ABC):
 
     @abstractmethod
     def fit(self, observations: Mapping[str, Tensor]) -> None:
-        """Learn limits from the lessons ``(..., *shape)`` of the training windows, images left out."""
+        """Learn limits from :attr:`training_observations` ``(..., *shape)`` of the windows, images left out."""
 
     @abstractmethod
     def prepare(self, observations: Mapping[str, Tensor]) -> Part:
@@ -68,9 +68,9 @@ class ObservationEncoder(nn.Module, ABC):
         What it takes as it is, such as images, it returns without a copy.
         """
 
-    def prepare_lessons(self, lessons: Mapping[str, Tensor]) -> Part:
-        """The same of :attr:`lessons`."""
-        return self.prepare(lessons)
+    def prepare_training(self, observations: Mapping[str, Tensor]) -> Part:
+        """The same of :attr:`training_observations`."""
+        return self.prepare(observations)
 
     @abstractmethod
     def forward(self, prepared: Any) -> Tensor:
@@ -89,9 +89,9 @@ class Encoders(nn.Module):
     Attributes:
         names: What the encoders are called.
         observations: What all of them see, and proprioception, in whose frame actions are given.
-        lessons: What they are shown in training.
-        lesson_images: The images among that.
-        lesson_numbers: The rest of it.
+        training_observations: What they are shown in training.
+        training_images: The images among that.
+        training_numbers: The rest of it.
         sizes: Sizes of the condition that they yield.
 
     Raises:
@@ -106,9 +106,9 @@ class Encoders(nn.Module):
             build_encoder(each, tasks, config.horizons.obs) for each in config.observation.values()
         )
         self.observations = _declared(encoder.observations for _, encoder in self.items())
-        self.lessons = _declared(encoder.lessons for _, encoder in self.items())
-        self.lesson_images = tuple(spec for spec in self.lessons if isinstance(spec, ImageSpec))
-        self.lesson_numbers = tuple(spec for spec in self.lessons if not isinstance(spec, ImageSpec))
+        self.training_observations = _declared(encoder.training_observations for _, encoder in self.items())
+        self.training_images = tuple(spec for spec in self.training_observations if isinstance(spec, ImageSpec))
+        self.training_numbers = tuple(spec for spec in self.training_observations if not isinstance(spec, ImageSpec))
         self.embedding = nn.Embedding(len(tasks), config.task_embedding) if len(tasks) > 1 else None
         self.sizes: ConditionSizes = {name: encoder.token_size for name, encoder in self.items()}
         if self.embedding is not None:
@@ -143,8 +143,8 @@ class Encoders(nn.Module):
     @property
     def learns_from_unseen_poses(self) -> bool:
         """Whether true poses are shown in training, and validation, that are not when the policy acts."""
-        lessons, observations = ({spec.name for spec in specs} for specs in (self.lessons, self.observations))
-        return PART_POSES in lessons - observations
+        taught, seen = ({spec.name for spec in specs} for specs in (self.training_observations, self.observations))
+        return PART_POSES in taught - seen
 
     def take_estimators(self, folders: Sequence[Path]) -> None:
         """See :class:`ObservationEncoder`."""
@@ -160,9 +160,11 @@ class Encoders(nn.Module):
         """What every encoder prepares of observations ``(..., *shape)``, and the number of the task."""
         return self._together({name: encoder.prepare(observations) for name, encoder in self.items()}, observations)
 
-    def prepare_lessons(self, lessons: Mapping[str, Tensor]) -> Prepared:
+    def prepare_training(self, observations: Mapping[str, Tensor]) -> Prepared:
         """The same of what they are shown in training."""
-        return self._together({name: encoder.prepare_lessons(lessons) for name, encoder in self.items()}, lessons)
+        return self._together(
+            {name: encoder.prepare_training(observations) for name, encoder in self.items()}, observations
+        )
 
     def forward(self, prepared: Prepared) -> Condition:
         """Condition of prepared rows ``(B, T_o, ...)``."""

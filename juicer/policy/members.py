@@ -40,7 +40,7 @@ class EncoderConfig(MemberConfig):
     def fixed_parts(self) -> tuple[EncoderConfig, ...]:
         """Encoders that learn nothing and whose results it is shown in training: computed once for all who need them.
 
-        What such an encoder prepares of what it sees are the columns that it calls its lessons.
+        What such an encoder prepares of what it sees are the columns that it observes in training.
         """
         return ()
 

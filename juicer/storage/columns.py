@@ -146,7 +146,7 @@ class ColumnReader:
         self.artifact = str(attributes.get("episodes"))
         self.episode_ends: NDArray[np.int64] = self._arrays.read_ends()
         self._lengths: NDArray[np.int64] = np.diff(self.episode_ends, prepend=0)
-        # Columns that older versions wrote are of all episodes, and were drawn by nobody.
+        # Older versions wrote columns of all episodes, and did not record what had drawn them.
         covered = attributes.get("covered", [True] * len(self.episode_ends))
         drawn_by = attributes.get(DRAWN_BY, [])
         if not _holds(covered, bool) or len(covered) != len(self.episode_ends) or not _holds(drawn_by, str):

@@ -43,7 +43,7 @@ class FixedEncoder:
         load_pretrained(self._encoder, weights)
         self._encoder.to(self._device)
         self.observes = tuple(spec.name for spec in self._encoder.observations)
-        self.specs = self._encoder.lessons
+        self.specs = self._encoder.training_observations
 
     def columns(self, observations: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[np.float32]]:
         """Entries of the columns ``(N, ...)`` for observations ``(N, ...)``."""

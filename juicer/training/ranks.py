@@ -139,5 +139,5 @@ def joined(ranks: Ranks, device: str, meeting: Path) -> Iterator[None]:
         world_size=ranks.count,
     )
     yield
-    # Not after an error: the others might never come to say goodbye.
+    # Not after an error: it waits for the others, which may have ended already.
     distributed.destroy_process_group()

@@ -43,10 +43,10 @@ class WindowTable:
             )
         self._network = network
         encoders = network.encoders
-        numbers = [spec.name for spec in encoders.lesson_numbers] + [TASK_KEY] * (len(network.tasks) > 1)
+        numbers = [spec.name for spec in encoders.training_numbers] + [TASK_KEY] * (len(network.tasks) > 1)
         self._observations = {name: values.to(device) for name, values in _shown(episodes, numbers).items()}
         # They stay outside the device, and mostly outside the memory: a batch takes what it needs.
-        self._images = _shown(episodes, [spec.name for spec in encoders.lesson_images])
+        self._images = _shown(episodes, [spec.name for spec in encoders.training_images])
         self._actions = torch.from_numpy(episodes.actions).to(device)
         self._obs_steps = torch.from_numpy(windows.obs_steps).to(device)
         self._action_steps = torch.from_numpy(windows.action_steps).to(device)
@@ -78,7 +78,7 @@ class WindowTable:
     def normalize(self) -> None:
         """Apply the network's limits; needed once before batches are taken."""
         self._chunks = self._network.action_normalizer.normalize(self._chunks)
-        self._prepared = self._network.encoders.prepare_lessons({**self._observations, **self._images})
+        self._prepared = self._network.encoders.prepare_training({**self._observations, **self._images})
 
     @torch.no_grad()
     def gather(self, rows: Tensor, noise: StateNoise | None = None) -> Batch:
@@ -89,7 +89,7 @@ class WindowTable:
         num_noisy = round(noise.probability * len(rows)) if noise else 0
         if isinstance(noise, PhysicalStateNoise):
             seen = perturb_observations(_rows({**self._observations, **self._images}, steps[:num_noisy]), noise)
-            for name, values in self._network.encoders.prepare_lessons(seen).items():
+            for name, values in self._network.encoders.prepare_training(seen).items():
                 prepared[name][:num_noisy] = values
             absolute = self._actions[self._action_steps[rows[:num_noisy]]]
             chunk[:num_noisy] = self._network.encode_actions(absolute, seen["proprioception"][:, -1])

@@ -320,7 +320,7 @@ class _Loop:
 
 def default_loaders(encoders: Encoders, device: torch.device) -> int:
     """Numbers of a whole dataset lie on the GPU; images are gathered by others while it computes."""
-    return LOADERS if encoders.lesson_images and device.type != "cpu" else 0
+    return LOADERS if encoders.training_images and device.type != "cpu" else 0
 
 
 def _check_noise(policy: PolicyConfig, config: TrainingConfig) -> None:

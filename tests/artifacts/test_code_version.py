@@ -40,13 +40,11 @@ def test_making_data_does_not_depend_on_how_results_are_compared(stage: str) -> 
     assert "juicer.evaluation" not in modules
 
 
-def test_a_version_costs_little_and_imports_nothing() -> None:
+def test_a_version_imports_nothing() -> None:
     program = """
-import sys, time
+import sys
 from juicer.artifacts.code_version import code_version
-start = time.process_time()
 code_version("juicer.storage.episodes")
-assert time.process_time() - start < 0.3, time.process_time() - start
 assert "zarr" not in sys.modules and "juicer.storage" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", program], check=True)

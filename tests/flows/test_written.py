@@ -110,7 +110,7 @@ def test_every_value_knows_where_it_was_written(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write(tmp_path / "base.yaml", "rounds: 2\nrecord:\n  seed: 1\n  first: 5\nselect: {longest: 2.0}\n")
     path = write(tmp_path / "run.yaml", "base: base.yaml\nrecord:\n  seed: 2\n")
-    written = read_written(path).assigning(["evaluate.episodes=3"], None)
+    written = read_written(path, ["evaluate.episodes=3"])
     assert written.place(("rounds",)) == "base.yaml:1"
     assert written.place(("record", "seed")) == f"{'run.yaml'}:3"
     assert written.place(("record", "first")) == "base.yaml:4"
@@ -198,9 +198,24 @@ def test_mistake_in_a_form_is_told_in_a_sentence(content, message):
         parse_runs(content, "the form")
 
 
+def test_a_base_can_be_assigned(tmp_path, monkeypatch):
+    write(tmp_path / "own" / "small.yaml", "base: laptop\nrounds: 3\n")
+    path = write(tmp_path / "run.yaml", "base: laptop\nrecord: {seed: 2}\n")
+    (run,) = load_runs(path, ["base=laptop_image", "rounds=2"])
+    assert run.policies["diffusion"].policy.observation["state"].kind == "estimated"
+    assert (run.record.seed, run.rounds) == (2, 2)
+    monkeypatch.chdir(tmp_path / "own")
+    (run,) = load_runs(path, ["base=small.yaml"])
+    assert run.rounds == 3
+    with pytest.raises(ConfigError, match="did you mean 'laptop_image'"):
+        load_runs(path, ["base=laptop_imag"])
+    with pytest.raises(ConfigError, match="--set: base must be the name of a preset"):
+        load_runs(path, ["base=3"])
+
+
 def test_names_in_a_list_pick_from_the_section_below(tmp_path):
     path = write(tmp_path / "run.yaml", "tasks: {lamp: {rounds: 3}, one_leg: {rounds: 2}}\n")
     (run,) = load_runs(path, ["tasks=[lamp]"])
     assert (run.task, run.rounds) == ("lamp", 3)
-    written = read_written(path).assigning(["tasks=[lamp]"], None)
+    written = read_written(path, ["tasks=[lamp]"])
     assert written.place(("tasks", "lamp", "rounds")).endswith("run.yaml:1")

@@ -113,7 +113,7 @@ def test_features_in_training_are_those_when_acting(made, policy):
             reader = ColumnReader(session.store.open(ref))
             (name,) = reader.schema.names()
             found[name] = torch.from_numpy(reader.steps(name, slice(0, 12)))
-    learned = encoder.prepare_lessons(columns)
+    learned = encoder.prepare_training(columns)
     assert learned.keys() == VIEWS.keys()
     for name, values in encoder.prepare(seen).items():
         np.testing.assert_allclose(values, learned[name], rtol=1e-4, atol=1e-5)

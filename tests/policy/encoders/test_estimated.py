@@ -26,7 +26,7 @@ POLICY = PolicyConfig(observation={"state": CONFIG}, head={"kind": "mlp", "width
 
 
 @pytest.fixture
-def lessons(observe):
+def observations(observe):
     return {name: torch.from_numpy(values)[:, None] for name, values in observe(6).items()}
 
 
@@ -40,11 +40,11 @@ def kept(folder, *estimators):
 
 
 @pytest.fixture
-def estimator(spec, lessons):
+def estimator(spec, observations):
     from juicer.policy.encoders.features.features import state_features
 
     estimator = build_estimator(CONFIG, "toy", spec, seed=1)
-    estimator.normalizer.fit(state_features(lessons, spec, CONFIG.features))
+    estimator.normalizer.fit(state_features(observations, spec, CONFIG.features))
     return estimator
 
 
@@ -58,32 +58,32 @@ def images(rows=6, seed=0):
 
 def test_it_learns_from_poses_and_acts_on_images(tasks):
     encoders = Encoders(POLICY, tasks)
-    assert [spec.name for spec in encoders.lessons] == ["proprioception", "part_poses"]
+    assert [spec.name for spec in encoders.training_observations] == ["proprioception", "part_poses"]
     assert [spec.name for spec in encoders.observations] == ["proprioception", *(view.name for view in VIEWS.values())]
     assert encoders.account == "images, poses in training"
     assert POLICY.learned_views == ()
 
 
-def test_lessons_are_what_a_state_policy_is_shown(tasks, lessons):
+def test_what_it_is_shown_in_training_is_what_a_state_policy_is_shown(tasks, observations):
     state = Encoders(PolicyConfig(observation={"state": FeaturesConfig()}), tasks)
     encoders = Encoders(POLICY, tasks)
     for each in (state, encoders):
-        each.fit(lessons)
+        each.fit(observations)
     torch.testing.assert_close(
-        encoders.prepare_lessons(lessons)["state"], state.prepare(lessons)["state"], rtol=0, atol=0
+        encoders.prepare_training(observations)["state"], state.prepare(observations)["state"], rtol=0, atol=0
     )
 
 
-def test_estimates_go_through_the_policys_own_limits_and_clip(tmp_path, tasks, lessons, estimator):
+def test_estimates_go_through_the_policys_own_limits_and_clip(tmp_path, tasks, observations, estimator):
     encoders = Encoders(POLICY, tasks)
     encoders.take_estimators(kept(tmp_path, estimator))
-    encoders.fit(lessons)
-    shown = {"proprioception": lessons["proprioception"], **images()}
+    encoders.fit(observations)
+    shown = {"proprioception": observations["proprioception"], **images()}
     seen = encoders.prepare(shown)["state"]
     limits = encoders.members[0].features.normalizers[0]
     expected = limits.normalize(estimator(shown)).clamp(-CONFIG.features.clip, CONFIG.features.clip)
     torch.testing.assert_close(seen, expected)
-    torch.testing.assert_close(seen[..., :16], encoders.prepare_lessons(lessons)["state"][..., :16])
+    torch.testing.assert_close(seen[..., :16], encoders.prepare_training(observations)["state"][..., :16])
 
 
 def test_the_estimator_is_no_part_of_what_is_learned(tasks):
@@ -93,15 +93,17 @@ def test_the_estimator_is_no_part_of_what_is_learned(tasks):
     assert not network.encoders.members[0].estimators.training
 
 
-def test_a_policy_of_several_tasks_has_an_estimator_for_each(tmp_path, spec, lessons):
+def test_a_policy_of_several_tasks_has_an_estimator_for_each(tmp_path, spec, observations):
     tasks = {"toy": spec, "other": spec.model_copy(update={"mounted_m": 0.01})}
     encoders = Encoders(POLICY, tasks)
     encoders.take_estimators(
         kept(tmp_path, *(build_estimator(CONFIG, *each, seed) for seed, each in enumerate(tasks.items())))
     )
-    encoders.fit({**lessons, "task": torch.arange(6).remainder(2).reshape(6, 1, 1).float()})
+    encoders.fit({**observations, "task": torch.arange(6).remainder(2).reshape(6, 1, 1).float()})
     first, second = (
-        encoders.prepare({"proprioception": lessons["proprioception"], **images(), "task": torch.full((6, 1, 1), task)})
+        encoders.prepare(
+            {"proprioception": observations["proprioception"], **images(), "task": torch.full((6, 1, 1), task)}
+        )
         for task in (0.0, 1.0)
     )
     assert not torch.equal(first["state"], second["state"])
@@ -128,23 +130,23 @@ def test_of_two_estimators_that_fit_none_is_taken(tmp_path, tasks, spec):
     encoders.take_estimators([folders[0], folders[0]])
 
 
-def test_a_checkpoint_acts_without_anything_beside_it(tmp_path, tasks, lessons, estimator):
+def test_a_checkpoint_acts_without_anything_beside_it(tmp_path, tasks, observations, estimator):
     network = build_policy(POLICY, tasks, seed=0)
     network.encoders.take_estimators(kept(tmp_path, estimator))
-    network.encoders.fit(lessons)
+    network.encoders.fit(observations)
     metadata = CheckpointMetadata(policy=POLICY, tasks=tasks, acting_weights="raw", step=1)
     save_checkpoint(tmp_path / "checkpoint", Checkpoint(metadata, network.state_dict(), None))
     policy = load_checkpoint(tmp_path / "checkpoint").policy("toy")
-    shown = {"proprioception": lessons["proprioception"], **images()}
+    shown = {"proprioception": observations["proprioception"], **images()}
     seen = policy._network.encoders.prepare(shown)["state"]
     torch.testing.assert_close(seen, network.encoders.prepare(shown)["state"], rtol=0, atol=0)
 
 
-def test_an_estimator_is_kept_in_files(tmp_path, estimator, lessons):
+def test_an_estimator_is_kept_in_files(tmp_path, estimator, observations):
     save_estimator(tmp_path, estimator.to(memory_format=torch.channels_last))
     loaded = load_estimator(tmp_path)
     assert loaded.is_like(estimator)
-    shown = {"proprioception": lessons["proprioception"], **images()}
+    shown = {"proprioception": observations["proprioception"], **images()}
     torch.testing.assert_close(loaded(shown), estimator(shown))
     assert {path.name for path in tmp_path.iterdir()} == {ESTIMATOR_FILE, WEIGHTS_FILE}
 

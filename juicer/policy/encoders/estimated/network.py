@@ -38,7 +38,7 @@ class EstimatedEncoder(ObservationEncoder):
         self.observations = (SIMULATOR["proprioception"], *images)
 
     @property
-    def lessons(self) -> tuple[ArraySpec, ...]:
+    def training_observations(self) -> tuple[ArraySpec, ...]:
         """Proprioception and true poses; no image."""
         return self.features.observations
 
@@ -74,9 +74,9 @@ class EstimatedEncoder(ObservationEncoder):
         """Normalised, bounded features as the estimators of the tasks read them off images."""
         return self.features.scaled(observations, lambda task, own: self.estimators[task](own))
 
-    def prepare_lessons(self, lessons: Mapping[str, Tensor]) -> Tensor:
+    def prepare_training(self, observations: Mapping[str, Tensor]) -> Tensor:
         """The same features as they truly are."""
-        return self.features.prepare(lessons)
+        return self.features.prepare(observations)
 
     def forward(self, prepared: Tensor) -> Tensor:
         """The features themselves."""

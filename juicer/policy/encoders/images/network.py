@@ -48,7 +48,7 @@ class ImagesEncoder(ObservationEncoder):
         """Nothing: every pixel is within its limits."""
 
     @property
-    def lessons(self) -> tuple[ArraySpec, ...]:
+    def training_observations(self) -> tuple[ArraySpec, ...]:
         """The images, or columns of their features."""
         if not self.frozen:
             return self.observations
@@ -62,11 +62,11 @@ class ImagesEncoder(ObservationEncoder):
             return images
         return {name: self._features(0, name, values) for name, values in images.items()}
 
-    def prepare_lessons(self, lessons: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
-        """The same of lessons."""
+    def prepare_training(self, observations: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
+        """The same of what it is shown in training."""
         if not self.frozen:
-            return self.prepare(lessons)
-        return {name: lessons[self.config.column(name)] for name in self.views}
+            return self.prepare(observations)
+        return {name: observations[self.config.column(name)] for name in self.views}
 
     def forward(self, prepared: Mapping[str, Tensor]) -> Tensor:
         """Tokens ``(B, T_o V, C)`` of what was prepared ``(B, T_o, ...)`` of V views; all views of a step together."""
