@@ -24,7 +24,7 @@ help: ## Show this list
 demo: setup gl ## Run the whole loop on one_leg: from demonstrations to the comparison table
 	@$(RUN)/juicer run $(CONFIG)
 
-demo-images: setup gl ## The same with policies that act on images, in about an hour
+demo-images: setup gl ## The same with policies that act on images, in half an hour
 	@$(RUN)/juicer run configs/demo_images.yaml
 
 # Side by side, a file at a time: fixtures of a file, such as a server, are made once.

@@ -13,7 +13,7 @@ from juicer.episode import Episode, EpisodeRecord, Outcome
 from juicer.imaging.video import Frame, Image, VideoFormat
 from juicer.sim.env import STEP_S
 from juicer.text import printable
-from juicer.views import View
+from juicer.views import GazeCrop, View
 
 GAP = 4
 """Pixels between the images of two cameras."""
@@ -109,7 +109,8 @@ class Captioner:
             # Every pixel is shown as it is: they are what the policy saw.
             shown = PIL.Image.fromarray(image).resize(self._shown(view), PIL.Image.Resampling.NEAREST)
             canvas.paste(shown, (left, top))
-            self._label(pen, f"policy: {view.camera}", left, top)
+            gaze = " gaze" if isinstance(view.crop, GazeCrop) else ""
+            self._label(pen, f"policy: {view.camera}{gaze}", left, top)
             left += shown.width + GAP
         return np.asarray(canvas)
 
