@@ -2,7 +2,7 @@
 
 python -m benchmarks.stopping FIRST SECOND [--orders 2000]     # ids of two evaluations on the same initial states
 
-Recorded episodes are put into random orders, and each order is looked at after every part. `decided` is the share of
+Recorded episodes are put into random orders, and each order is looked at after every block. `decided` is the share of
 orders in which the comparison is decided at 5 % before they end, `episodes` what a model took until then (or to the
 end), `steps` the share of control steps that both took together, which is what evaluations cost. `wrong` is the share
 that is decided although both are equally good: for each pair of episodes that ended differently a coin is tossed which
@@ -27,7 +27,7 @@ from juicer.seeding import stream
 from juicer.storage.evaluations import read_evaluation
 
 ROW = "{:28} {:>5} {:>8} {:>9} {:>7} {:>7} {:>7}"
-PARTS = (5, 10, 25)
+EVERY = (5, 10, 25)
 MODELS = 5
 WIDTHS = (0.3, 0.25, 0.2, 0.15)
 
@@ -51,12 +51,12 @@ def main() -> None:
     print(f"all episodes: p = {mcnemar_p_value(*only):.2g} (exact), {anytime_p_value(*only):.2g} (anytime-valid)\n")
     print(ROW.format("comparison", "every", "decided", "episodes", "95 %", "steps", "wrong"))
     for title, models in (("one model each", 1), ("five models each", MODELS)):
-        for every in PARTS:
+        for every in EVERY:
             print(compared(title, first, second, steps, every, models, arguments.orders))
     print(f"\n{'width of the interval':28} {'every':>5} {'first':>9} {'second':>7}")
     for width in WIDTHS:
-        needed = [np.mean(until_narrow(each, width, PARTS[-1], arguments.orders)) for each in (first, second)]
-        print(f"{width:<28} {PARTS[-1]:5} {needed[0]:9.0f} {needed[1]:7.0f}")
+        needed = [np.mean(until_narrow(each, width, EVERY[-1], arguments.orders)) for each in (first, second)]
+        print(f"{width:<28} {EVERY[-1]:5} {needed[0]:9.0f} {needed[1]:7.0f}")
     for each in (first, second):
         intervals = [interval(int(each.sum()), len(each)) for interval in (wilson_interval, anytime_interval)]
         told = " and ".join(f"{low:.1%} to {high:.1%}" for low, high in intervals)

@@ -106,7 +106,7 @@ def run_model(session: Session, config: RunConfig, name: str, seed: int) -> Mode
 
 
 def evaluate_further(session: Session, config: RunConfig, model: ModelOutcome) -> ModelOutcome:
-    """The same model, evaluated on the initial states of one more part."""
+    """The same model, evaluated on one more block of initial states."""
     evaluation = measure(session, model.checkpoint, config.evaluation, config.evaluate.stop, model.evaluation)
     return replace(model, evaluation=evaluation)
 

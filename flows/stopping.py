@@ -1,7 +1,7 @@
-"""Evaluation in parts: after each it is looked whether what is to be known is settled, or more episodes are needed.
+"""Evaluation in blocks of initial states: after each it is looked whether all is settled, or more are needed.
 
-What is looked at are whole parts, from the first initial state on: no episode is left out because it took long. What is
-concluded holds however often one looks, so any part of a study may also be run, looked at, and continued later.
+Only whole blocks are looked at: no episode is left out because it took long. What is concluded holds however often one
+looks, so a study may also be run in part, looked at, and continued later.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ def measure(
     stop: StopConfig | None,
     so_far: ArtifactRef | None = None,
 ) -> ArtifactRef:
-    """Evaluate a model on all its episodes, or if it may stop, on those of one part more than so far."""
+    """Evaluate a model on all its episodes, or if it may stop, on those of one block more than so far."""
     if stop is None:
         return evaluate(session, checkpoint=checkpoint, config=config)
     episodes = stop.every + (num_episodes(session, so_far) if so_far else 0)
-    part = config.model_copy(update={"episodes": min(episodes, config.episodes), "anytime": True})
-    return evaluate(session, checkpoint=checkpoint, previous=so_far, config=part)
+    so_many = config.model_copy(update={"episodes": min(episodes, config.episodes), "anytime": True})
+    return evaluate(session, checkpoint=checkpoint, previous=so_far, config=so_many)
 
 
 def measure_alone(

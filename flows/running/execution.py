@@ -102,7 +102,7 @@ def run_models(
     In parallel, each model has a thread that does nothing but wait; how many stages really run at a time is the
     task runner's business. If some fail, the others run to their ends before the first failure is raised.
 
-    Where evaluations may stop, all models are evaluated on a first part of the initial states before it is looked who
+    Where evaluations may stop, all models are evaluated on a first block of initial states before it is looked who
     needs more.
     """
     chain = partial(_chain, session, tracking)

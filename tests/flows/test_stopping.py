@@ -98,7 +98,7 @@ def test_what_was_evaluated_is_never_evaluated_again(store):
     assert third.made == []
 
 
-def test_a_run_in_thought_counts_on_all_parts_until_it_knows_better(store):
+def test_a_run_in_thought_counts_on_all_blocks_until_it_knows_better(store):
     def evaluations():
         return sum(entry.stage == "evaluate" for entry in plan(store, STUDY))
 

@@ -372,16 +372,16 @@ def test_an_evaluation_that_stops_does_not_prefer_quick_successes_to_slow_failur
     assert (facts["interval_low"], facts["interval_high"]) == anytime_interval(4, 8)
 
 
-def test_an_evaluation_in_parts_is_the_one_at_once(loop):
+def test_an_evaluation_in_blocks_is_the_one_at_once(loop):
     config = EVALUATE.model_copy(update={"episodes": 5, "anytime": True})
     first = evaluate(loop.session, checkpoint=loop.checkpoint, config=config.model_copy(update={"episodes": 2}))
     whole = evaluate(loop.session, checkpoint=loop.checkpoint, config=config)
-    parts = evaluate(loop.session, checkpoint=loop.checkpoint, previous=first, config=config)
-    assert parts != whole
-    assert loop.store.manifest(parts).content == loop.store.manifest(whole).content
-    assert summary(loop, parts) == summary(loop, whole)
-    row = evaluated_row(loop.store, parts, 4)
-    assert not recomputed_episode(loop.store, parts, row).differences
+    blocks = evaluate(loop.session, checkpoint=loop.checkpoint, previous=first, config=config)
+    assert blocks != whole
+    assert loop.store.manifest(blocks).content == loop.store.manifest(whole).content
+    assert summary(loop, blocks) == summary(loop, whole)
+    row = evaluated_row(loop.store, blocks, 4)
+    assert not recomputed_episode(loop.store, blocks, row).differences
 
 
 @pytest.mark.parametrize("changes", [{"episodes": 2}, {"first": 1}, {"seed": 1}, {"anytime": True}])
