@@ -105,7 +105,7 @@ def run_models(
     Where evaluations may stop, all models are evaluated on a first block of initial states before it is looked who
     needs more.
     """
-    chain = partial(_chain, session, tracking)
+    chain = partial(_chain, session, config, tracking)
     models = _together(
         [chain(name, seed, partial(run_model, config=config, name=name, seed=seed)) for name, seed in config.models],
         session,
@@ -119,11 +119,15 @@ def run_models(
         ]
         for place, model in zip(places, _together(further, session, parallel=parallel), strict=True):
             models[place] = model
+    if tracking and config.evaluate.stop:
+        for model in models:
+            tracking.finish(model)
     return models
 
 
 def _chain(
     session: Session,
+    config: RunConfig,
     tracking: Tracking | None,
     condition: str,
     seed: int,
@@ -134,7 +138,8 @@ def _chain(
 
     def chain() -> ModelOutcome:
         outcome = make(scope)
-        if tracking:
+        # One that may be evaluated further is not finished: its records would tell of a first block.
+        if tracking and config.evaluate.stop is None:
             tracking.finish(outcome)
         return outcome
 

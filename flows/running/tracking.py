@@ -41,7 +41,7 @@ class Tracking:
         content = config.model_dump(mode="json", exclude=_NOT_IDENTITY)
         code = {name: code_version(f"stages.{name}") for name in STAGES}
         self._identity = {"config": content, "code": code}
-        self._finished: dict[str, Model] = {}
+        self._finished: list[Model] = []
 
     def model(self, condition: str, seed: int) -> LiveModel:
         """Record of one model while it is made."""
@@ -49,16 +49,16 @@ class Tracking:
         return LiveModel(self._recorder, self._describe(condition, seed), rounds)
 
     def finish(self, outcome: ModelOutcome) -> None:
-        """A model is done, whatever becomes of the others; again, if it was evaluated further."""
+        """A model is done, whatever becomes of the others."""
         model = self._describe(outcome.condition, outcome.seed)
         told = {"title": outcome.title, "finding": outcome.finding, "evaluation": str(outcome.evaluation)}
         model = model.model_copy(update=told)
-        self._finished[model.key] = model
+        self._finished.append(model)
         self._recorder.note(model)
 
     def conclude(self, report: ArtifactRef) -> None:
         """The page about all models is there."""
-        for model in self._finished.values():
+        for model in self._finished:
             self._recorder.note(model.model_copy(update={"report": str(report)}))
 
     def _describe(self, condition: str, seed: int) -> Model:
