@@ -45,6 +45,12 @@ class FlowConfig(LoopConfig):
     @model_validator(mode="after")
     def _is_possible(self) -> Self:
         _check_run(self)
+        stop = self.evaluate.stop
+        if stop and stop.width is None and (len(self.chosen) == 1 or not stop.comparison):
+            raise ValueError(
+                "evaluate.stop settles nothing: say with evaluate.stop.width how narrow the interval is to be, or "
+                "compare several conditions"
+            )
         return self
 
     def method(self, name: str) -> Condition:

@@ -9,6 +9,7 @@ from pathlib import Path
 from flows.conditions import Condition
 from flows.config import RunConfig
 from flows.loop_config import LoopConfig
+from flows.stopping import measure
 from juicer.artifacts.manifest import STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.demonstration.log import SUFFIX
@@ -23,7 +24,6 @@ from stages.collect import collect
 from stages.dataset import dataset
 from stages.encode import EncodeConfig, encode
 from stages.estimate import EstimateConfig, estimate
-from stages.evaluate import evaluate
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
 from stages.record import record
@@ -98,11 +98,17 @@ def run_model(session: Session, config: RunConfig, name: str, seed: int) -> Mode
         session = data.session
         checkpoint = _train(session, config, config.final_training(condition, seed), [data])
         findings = [*data.findings, *_findings(session, checkpoint)]
-    evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluation)
+    evaluation = measure(session, checkpoint, config.evaluation, config.evaluate.stop)
     findings += _findings(session, evaluation)
     observes = _observes(session, evaluation)
     title = condition.title if observes in ("", STATE) else f"{condition.title} ({observes})"
     return ModelOutcome(name, title, seed, checkpoint, evaluation, "; ".join(findings), observes)
+
+
+def evaluate_further(session: Session, config: RunConfig, model: ModelOutcome) -> ModelOutcome:
+    """The same model, evaluated on one more block of initial states."""
+    evaluation = measure(session, model.checkpoint, config.evaluation, config.evaluate.stop, model.evaluation)
+    return replace(model, evaluation=evaluation)
 
 
 def _train_jointly(

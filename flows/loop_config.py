@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import Field, field_validator, model_validator
 
 from flows.conditions import MOST_DEFINITIONS, MOST_ROUNDS, Condition, Name, defaults
+from flows.stopping import StoppableSection
 from flows.written import POLICIES_KEY, Written, settled
 from juicer.annotation.propose import AnnotationConfig
 from juicer.config import ConfigT, StrictConfig
@@ -24,7 +25,7 @@ from juicer.training.config import OriginalStateNoise, PhysicalStateNoise
 from juicer.training.mixing import DatasetConfig
 from stages.augment import AugmentConfig
 from stages.collect import CollectConfig, CollectSection
-from stages.evaluate import EvaluateConfig, EvaluateSection
+from stages.evaluate import EvaluateConfig
 from stages.record import RecordConfig, RecordSection
 from stages.select import SelectConfig
 from stages.train import TrainConfig
@@ -78,7 +79,7 @@ class LoopConfig(StrictConfig):
     rounds: int = Field(default=1, gt=0, le=MOST_ROUNDS)
     collect: CollectSection = CollectSection()
     select: SelectConfig = SelectConfig()
-    evaluate: EvaluateSection = EvaluateSection()
+    evaluate: StoppableSection = StoppableSection()
     mix: dict[TaskName, LoopConfig] = Field(default={}, max_length=len(TASK_NAMES))
 
     @model_validator(mode="before")
@@ -135,7 +136,8 @@ class LoopConfig(StrictConfig):
         """A stage's configuration: what its section says, and the scene that all of them share."""
         own = dict(section)
         scene = {"task": self.task, "randomness": own.get("randomness") or self.randomness}
-        return model(**{**own, **{key: value for key, value in scene.items() if key in model.model_fields}, **changes})
+        known = {key: value for key, value in {**own, **scene}.items() if key in model.model_fields}
+        return model(**{**known, **changes})
 
     def training(self, condition: Condition, seed: int) -> TrainConfig:
         """How a condition trains the model of a seed."""

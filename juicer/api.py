@@ -172,7 +172,8 @@ def load_evaluation(store: ArtifactStore, name: str) -> Evaluation:
         raise ArtifactError(f"{ref} does not say which task was evaluated; another version of juicer wrote it")
     limit = config.get("max_steps")
     steps = int(limit) if is_whole(limit) else None
-    return Evaluation(name, str(config["task"]), str(config["randomness"]), steps, rows)
+    anytime = config.get("anytime") is True
+    return Evaluation(name, str(config["task"]), str(config["randomness"]), steps, rows, anytime)
 
 
 def load_curves(store: ArtifactStore, name: str) -> pd.DataFrame:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
+from pathlib import Path
 from typing import Any
 
 from pydantic import Field
@@ -11,13 +13,14 @@ from pydantic import Field
 from juicer.artifacts.manifest import FINDING, HEADLINE, LABEL, OBSERVES, STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.episode import Episode, Outcome
-from juicer.evaluation import milestone_counts, wilson_interval
+from juicer.errors import ConfigError
+from juicer.evaluation import anytime_interval, milestone_counts, wilson_interval
 from juicer.policy_rollout import RolloutConfig, RolloutSection, roll_out
 from juicer.seed_ranges import Purpose, claim
 from juicer.sim.env import gl_name
 from juicer.storage.columns import DRAWN_BY
-from juicer.storage.episodes import write_episodes
-from juicer.storage.evaluations import EXAMPLES, EvaluationRow, write_evaluation
+from juicer.storage.episodes import EpisodeReader, write_episodes
+from juicer.storage.evaluations import EXAMPLES, EvaluationRow, read_evaluation, write_evaluation
 from juicer.tasks.registry import get_task
 from juicer.text import printable
 from stages.runtime.context import StageContext
@@ -36,32 +39,44 @@ class EvaluateSection(RolloutSection):
 class EvaluateConfig(RolloutConfig, EvaluateSection):
     """How many episodes of a task, and from where they start."""
 
+    anytime: bool = Field(
+        default=False,
+        description="whether more episodes may follow, depending on what is found, so that its interval must hold "
+        "however often one looks",
+    )
+
 
 @stage(
     kind="evaluation",
-    inputs={"checkpoint": "checkpoint"},
+    inputs={"checkpoint": "checkpoint", "previous": "evaluation"},
     libraries=("mujoco", "numpy", "torch", "zarr"),
 )
-def evaluate(context: StageContext, *, checkpoint: ArtifactRef, config: EvaluateConfig) -> None:
-    """Measure a policy's success rate, with its interval and the milestones of every episode."""
+def evaluate(
+    context: StageContext, *, checkpoint: ArtifactRef, previous: ArtifactRef | None = None, config: EvaluateConfig
+) -> None:
+    """Measure a policy's success rate, with its interval and the milestones of every episode.
+
+    With a previous evaluation of fewer episodes, it begins with these and runs only the rest.
+    """
+    rows, kept = _begun(context, checkpoint, previous, config)
     episodes = roll_out(
         context.store.open(checkpoint, "checkpoint"),
         checkpoint.id,
         config,
-        claim(Purpose.EVALUATION, config.first, config.episodes),
+        claim(Purpose.EVALUATION, config.first, config.episodes)[len(rows) :],
         num_envs=context.machine.num_envs,
         num_workers=context.machine.workers,
         device=context.machine.device,
         progress=context.progress,
     )
-    rows: list[EvaluationRow] = []
     examples = context.draft.path / EXAMPLES
     examples.mkdir()
-    write_episodes(examples, _examples(episodes, rows), {"source": "rollout", "policy": checkpoint.id})
+    shown = _examples(chain(kept, _noted(episodes, rows)))
+    write_episodes(examples, shown, {"source": "rollout", "policy": checkpoint.id})
     write_evaluation(context.draft.path, rows)
     policy = context.store.manifest(checkpoint)
     context.draft.summary |= {OBSERVES: policy.observes} if policy.observes else {}
-    context.draft.summary |= facts(rows, get_task(config.task).milestones)
+    context.draft.summary |= facts(rows, get_task(config.task).milestones, anytime=config.anytime)
     context.draft.summary |= _texts(context.draft.summary)
     if finding := _other_renderer(policy.summary.get(DRAWN_BY, [])):
         context.draft.summary[FINDING] = finding
@@ -83,10 +98,13 @@ def _other_renderer(drawn_by: Sequence[str]) -> str:
     return f"it acted on images drawn by {present}, and had learned from those of {printable(' and '.join(drawn_by))}"
 
 
-def facts(rows: list[EvaluationRow], milestones: tuple[str, ...]) -> dict[str, object]:
-    """What an evaluation found: the rate with its 95 % Wilson interval, outcomes, and how far the episodes got."""
+def facts(rows: list[EvaluationRow], milestones: tuple[str, ...], *, anytime: bool = False) -> dict[str, object]:
+    """What an evaluation found: the rate with its 95 % interval, outcomes, and how far the episodes got.
+
+    The interval is Wilson's, or with ``anytime`` one that holds although their number depends on what was found.
+    """
     successes = sum(row.outcome is Outcome.SUCCESS for row in rows)
-    low, high = wilson_interval(successes, len(rows))
+    low, high = (anytime_interval if anytime else wilson_interval)(successes, len(rows))
     return {
         "episodes": len(rows),
         "successes": successes,
@@ -99,11 +117,41 @@ def facts(rows: list[EvaluationRow], milestones: tuple[str, ...]) -> dict[str, o
     }
 
 
-def _examples(episodes: Iterable[Episode], rows: list[EvaluationRow]) -> Iterator[Episode]:
-    """Note every episode as a row; yield the first few successes and failures."""
+def _begun(
+    context: StageContext, checkpoint: ArtifactRef, previous: ArtifactRef | None, config: EvaluateConfig
+) -> tuple[list[EvaluationRow], Iterator[Episode]]:
+    """Rows of the previous evaluation, if there is one, and the episodes that it kept.
+
+    Raises:
+        ConfigError: If it was of another checkpoint, from other initial states, or longer.
+    """
+    if previous is None:
+        return [], iter(())
+    recipe = context.store.recipe(previous)
+    rows = read_evaluation(folder := context.store.open(previous, "evaluation"))
+    settings = {**recipe.config, "episodes": config.episodes}
+    is_same = recipe.inputs.get("checkpoint") == (checkpoint,) and settings == config.model_dump(mode="json")
+    if not is_same or len(rows) >= config.episodes:
+        raise ConfigError(f"{previous} is not the beginning of {config.episodes} such episodes of {checkpoint}")
+    return rows, _kept(folder)
+
+
+def _kept(evaluation: Path) -> Iterator[Episode]:
+    reader = EpisodeReader(evaluation / EXAMPLES)
+    return map(reader.read, range(len(reader.records)))
+
+
+def _noted(episodes: Iterable[Episode], rows: list[EvaluationRow]) -> Iterator[Episode]:
+    """Note every episode as a row."""
+    for episode in episodes:
+        rows.append(EvaluationRow.of(len(rows), episode))
+        yield episode
+
+
+def _examples(episodes: Iterable[Episode]) -> Iterator[Episode]:
+    """The first few successes and failures; looks at every episode."""
     shown = Counter[bool]()
-    for index, episode in enumerate(episodes):
-        rows.append(EvaluationRow.of(index, episode))
+    for episode in episodes:
         succeeded = episode.record.outcome is Outcome.SUCCESS
         if shown[succeeded] < EXAMPLES_KEPT:
             shown[succeeded] += 1

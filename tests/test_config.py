@@ -129,5 +129,5 @@ def test_a_stage_is_told_its_task_and_has_none_of_its_own(model):
 def test_in_a_form_the_task_is_a_choice_and_stands_at_the_top_only():
     schema = CollectInferConfig.model_json_schema()
     assert schema["properties"]["task"]["enum"] == list(TASK_NAMES)
-    for name in ("RecordSection", "IngestionSection", "CollectSection", "EvaluateSection"):
+    for name in ("RecordSection", "IngestionSection", "CollectSection", "StoppableSection"):
         assert "task" not in schema["$defs"][name]["properties"]

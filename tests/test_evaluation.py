@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from statistics import NormalDist
 
 import numpy as np
@@ -13,6 +14,8 @@ from hypothesis import strategies as st
 from juicer.errors import ConfigError
 from juicer.evaluation import (
     ModelResult,
+    anytime_interval,
+    anytime_p_value,
     compare,
     hierarchical_interval,
     mcnemar_p_value,
@@ -51,6 +54,51 @@ def test_wilson_half_width_at_59_percent(trials: int, points: float):
 def test_wilson_interval_needs_a_rate(successes: int, trials: int):
     with pytest.raises(ValueError, match="do not make a rate"):
         wilson_interval(successes, trials)
+
+
+@settings(deadline=None)
+@given(trials=st.integers(1, 400), share=st.floats(0, 1))
+def test_an_anytime_interval_holds_the_rates_that_are_not_refuted(trials: int, share: float):
+    successes = round(share * trials)
+    low, high = anytime_interval(successes, trials)
+    assert low <= successes / trials <= high
+    assert (low == 0, high == 1) == (successes == 0, successes == trials)
+    mixture = 1 / ((trials + 1) * math.comb(trials, successes))
+    for end in (low, high):
+        if 0 < end < 1:
+            likelihood = successes * math.log(end) + (trials - successes) * math.log1p(-end)
+            assert math.log(mixture) - likelihood == pytest.approx(math.log(20), abs=1e-6)
+
+
+def ever_missed(interval, paths: np.ndarray, truth: float) -> float:
+    """Share of paths ``(N, T)`` of successes on which an interval misses the truth after some fifth episode."""
+    cached = cache(interval)
+    looks = range(5, paths.shape[1] + 1, 5)
+    successes = np.cumsum(paths, axis=1)
+    intervals = [[cached(int(path[look - 1]), look) for look in looks] for path in successes]
+    return float(np.mean([any(not low <= truth <= high for low, high in each) for each in intervals]))
+
+
+@pytest.mark.parametrize("rates", [[0.5], [0.81], [0.98], [0.5, 1.0]])
+def test_looking_again_and_again_misses_the_rate_no_more_often_than_the_level_allows(rates: list[float]):
+    # Of several models, the average rate: their episodes take turns.
+    paths = np.random.default_rng(0).random((400, 100)) < np.resize(rates, 100)
+    assert ever_missed(anytime_interval, paths, float(np.mean(rates))) <= 0.05
+    if rates == [0.81]:
+        assert ever_missed(wilson_interval, paths, 0.81) > 0.12
+
+
+@pytest.mark.parametrize(("successes", "trials"), [(0, 0), (3, 2), (-1, 2)])
+def test_an_anytime_interval_needs_a_rate(successes: int, trials: int):
+    with pytest.raises(ValueError, match="do not make a rate"):
+        anytime_interval(successes, trials)
+
+
+def test_a_condition_that_may_have_stopped_is_told_with_an_anytime_interval():
+    row = summarise("TA", [result(0, "1" * 25)], anytime=True)
+    assert row.anytime
+    assert row.interval == anytime_interval(25, 25)
+    assert row.interval[0] < summarise("TA", [result(0, "1" * 25)]).interval[0]
 
 
 def test_interval_of_one_model_is_wilsons():
@@ -131,6 +179,35 @@ def test_different_initial_states_cannot_be_compared():
 def test_conditions_without_a_common_seed_cannot_be_compared():
     with pytest.raises(ConfigError, match="no training seed in common"):
         compare(summarise("BC", [result(0, "10")]), summarise("TA", [result(1, "10")]))
+
+
+@given(first_only=st.integers(0, 60), second_only=st.integers(0, 60))
+def test_the_anytime_p_value_is_one_over_what_a_gambler_on_all_coins_has_won(first_only: int, second_only: int):
+    tosses = first_only + second_only
+    won = 2**tosses / ((tosses + 1) * math.comb(tosses, first_only))
+    assert anytime_p_value(first_only, second_only) == pytest.approx(min(1, 1 / won), rel=1e-9)
+
+
+def test_comparing_after_every_pair_decides_between_equals_no_more_often_than_the_level_allows():
+    first = np.random.default_rng(0).random((2000, 100)) < 0.5
+    ever = {"anytime": 0, "mcnemar": 0}
+    tables = {"anytime": cache(anytime_p_value), "mcnemar": cache(mcnemar_p_value)}
+    for path in first:
+        counts = list(zip(np.cumsum(path).tolist(), np.cumsum(~path).tolist(), strict=True))
+        for name, p_value in tables.items():
+            ever[name] += any(p_value(*count) <= 0.05 for count in counts)
+    assert ever["anytime"] / len(first) <= 0.05
+    assert ever["mcnemar"] / len(first) > 0.15
+
+
+def test_models_are_compared_on_the_initial_states_that_both_met():
+    bc = summarise("BC", [result(0, "100000"), result(1, "00")], anytime=True)
+    ta = summarise("TA", [result(0, "1111"), result(1, "1111")], anytime=True)
+    comparison = compare(bc, ta)
+    assert (comparison.first_only, comparison.second_only, comparison.num_pairs) == (0, 5, 6)
+    assert comparison.p_value == anytime_p_value(0, 5)
+    assert "anytime-valid" in str(comparison)
+    assert "exact" in str(compare(summarise("BC", [result(0, "10")]), summarise("TA", [result(0, "11")])))
 
 
 def test_milestones_are_counted_in_the_tasks_order():

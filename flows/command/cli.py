@@ -241,12 +241,20 @@ def evaluate(
         int | None,
         typer.Option("--inference-steps", min=1, help="Steps that sample an action chunk, if not the policy's own."),
     ] = None,
+    until_width: Annotated[
+        float | None,
+        typer.Option(
+            "--until-width",
+            metavar="WIDTH",
+            help="End as soon as the 95 % interval is at most so wide, e.g. 0.2; looked at after every 25 episodes.",
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure the success rate of a checkpoint."""
     from flows.command.evaluate import evaluate_checkpoint
 
-    evaluate_checkpoint(checkpoint, task, episodes, seed_start, randomness, inference_steps, as_json)
+    evaluate_checkpoint(checkpoint, task, episodes, seed_start, randomness, inference_steps, until_width, as_json)
 
 
 @app.command()

@@ -28,11 +28,16 @@ def evaluate_checkpoint(
     seed_start: int,
     randomness: str,
     inference_steps: int | None,
+    until_width: float | None,
     as_json: bool,
 ) -> None:
     """``juicer evaluate``."""
-    from stages.evaluate import EvaluateConfig, evaluate
+    from flows.stopping import StopConfig, measure_alone
+    from stages.evaluate import EvaluateConfig
 
+    stop = None
+    if until_width is not None:
+        stop = parse_config({"width": until_width, "comparison": False}, StopConfig, origin="evaluate --until-width")
     settings = read_settings()
     check_device(settings)
     prepare_folder(settings)
@@ -49,7 +54,7 @@ def evaluate_checkpoint(
         }
         config = parse_config(content, EvaluateConfig, origin="evaluate")
         session = replace(run_context.session, label=ref.id)
-        evaluation = evaluate(session, checkpoint=ref, config=config)
+        evaluation = measure_alone(session, ref, config, stop)
     summary = store.manifest(evaluation).summary
     if as_json:
         say_json({"evaluation": str(evaluation), **summary})

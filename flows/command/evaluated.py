@@ -101,7 +101,8 @@ def _told(milestones: Mapping[str, int]) -> str:
 
 def _causes(store: ArtifactStore, manifest: Manifest, checkpoint: ArtifactRef, config: EvaluateConfig) -> Iterator[str]:
     """What has changed since the evaluation that may be the reason."""
-    today = evaluate.prepare(store, checkpoint=checkpoint, config=config).recipe
+    previous = next(iter(manifest.recipe.inputs.get("previous", ())), None)
+    today = evaluate.prepare(store, checkpoint=checkpoint, previous=previous, config=config).recipe
     changes = [difference.sentence for difference in compare(manifest.recipe, today)]
     if changes:
         yield f"since the evaluation, {', '.join(changes)}"

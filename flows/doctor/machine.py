@@ -10,15 +10,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from flows.doctor.verdict import Verdict, ok, problem, warning
+from flows.running.capacity import LEAST_MEMORY, MEMORY_A_STAGE, available_memory, usable_cores
 from flows.running.settings import Settings
 
-LEAST_MEMORY, MEMORY_A_STAGE = 1.0e9, 0.8e9
-"""Bytes of Prefect's server with the command, and of a stage with torch and MuJoCo."""
 FULL_BYTES, TIGHT_BYTES = 0.5e9, 5e9
 """Letters of a folder in which multiprocessing can make its sockets, whose paths may have 107."""
 OLDEST_YEAR = 2026
-
-_CGROUP = Path("/sys/fs/cgroup")
 
 
 def check_cores(settings: Settings) -> Iterator[Verdict]:
@@ -29,13 +26,6 @@ def check_cores(settings: Settings) -> Iterator[Verdict]:
         yield warning(found, f"set JUICER_WORKERS={max(1, int(cores))}: more stages at a time slow each other down")
     else:
         yield ok(found)
-
-
-def usable_cores() -> float:
-    """Processors that this process may use, a container's limit included."""
-    cores = float(len(os.sched_getaffinity(0)))
-    quota, _, period = _read(_CGROUP / "cpu.max").partition(" ")
-    return min(cores, int(quota) / int(period)) if quota.isdigit() else cores
 
 
 def check_memory(settings: Settings) -> Iterator[Verdict]:
@@ -50,14 +40,6 @@ def check_memory(settings: Settings) -> Iterator[Verdict]:
         )
     else:
         yield ok(found)
-
-
-def available_memory() -> float:
-    """Bytes that can be had without swapping, a container's limit included."""
-    lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
-    free = 1024.0 * int(lines["MemAvailable"].split()[0])
-    limit, used = _read(_CGROUP / "memory.max"), _read(_CGROUP / "memory.current")
-    return min(free, int(limit) - int(used)) if limit.isdigit() and used.isdigit() else free
 
 
 def check_disk(settings: Settings) -> Iterator[Verdict]:
@@ -95,10 +77,3 @@ def check_clock(settings: Settings) -> Iterator[Verdict]:
         yield problem(f"the clock says {shown}", "set the clock; certificates and the order of artifacts depend on it")
     else:
         yield ok(f"the clock says {shown}")
-
-
-def _read(path: Path) -> str:
-    try:
-        return path.read_text().strip()
-    except OSError:
-        return ""

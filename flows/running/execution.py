@@ -6,16 +6,19 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextvars import copy_context
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 from urllib.parse import urlsplit
 
 from flows.config import RunConfig
-from flows.loop import ModelOutcome, run_model
+from flows.loop import ModelOutcome, evaluate_further, run_model
 from flows.running.settings import read_settings
 from flows.running.tracking import Tracking
+from flows.stopping import num_episodes, told, unsettled
 from juicer.artifacts.manifest import STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
+from juicer.errors import ArtifactNotFound
 from juicer.evaluation import ConditionResult
 from juicer.reporting.comparison import ReportRow, condition_results
 from stages.report import ReportConfig, report
@@ -98,12 +101,52 @@ def run_models(
 
     In parallel, each model has a thread that does nothing but wait; how many stages really run at a time is the
     task runner's business. If some fail, the others run to their ends before the first failure is raised.
+
+    Where evaluations may stop, all models are evaluated on a first block of initial states before it is looked who
+    needs more.
     """
-    chains: list[Callable[[], ModelOutcome]] = []
-    for condition, seed in config.models:
-        record: Record = tracking.model(condition, seed) if tracking else session.record
-        scope = session.for_model(f"{condition} seed {seed}", record)
-        chains.append(_chain(scope, config, condition, seed, tracking))
+    chain = partial(_chain, session, config, tracking)
+    models = _together(
+        [chain(name, seed, partial(run_model, config=config, name=name, seed=seed)) for name, seed in config.models],
+        session,
+        parallel=parallel,
+    )
+    while places := _to_be_continued(session, config, models):
+        waiting = [models[place] for place in places]
+        further = [
+            chain(model.condition, model.seed, partial(evaluate_further, config=config, model=model))
+            for model in waiting
+        ]
+        for place, model in zip(places, _together(further, session, parallel=parallel), strict=True):
+            models[place] = model
+    if tracking and config.evaluate.stop:
+        for model in models:
+            tracking.finish(model)
+    return models
+
+
+def _chain(
+    session: Session,
+    config: RunConfig,
+    tracking: Tracking | None,
+    condition: str,
+    seed: int,
+    make: Callable[[Session], ModelOutcome],
+) -> Callable[[], ModelOutcome]:
+    record: Record = tracking.model(condition, seed) if tracking else session.record
+    scope = session.for_model(f"{condition} seed {seed}", record)
+
+    def chain() -> ModelOutcome:
+        outcome = make(scope)
+        # One that may be evaluated further is not finished: its records would tell of a first block.
+        if tracking and config.evaluate.stop is None:
+            tracking.finish(outcome)
+        return outcome
+
+    return chain
+
+
+def _together(chains: Sequence[Callable[[], ModelOutcome]], session: Session, *, parallel: bool) -> list[ModelOutcome]:
     if not parallel:
         return [chain() for chain in chains]
     with ThreadPoolExecutor(len(chains), thread_name_prefix="model") as pool:
@@ -112,16 +155,23 @@ def run_models(
     return [future.result() for future in futures]
 
 
-def _chain(
-    session: Session, config: RunConfig, condition: str, seed: int, tracking: Tracking | None
-) -> Callable[[], ModelOutcome]:
-    def chain() -> ModelOutcome:
-        outcome = run_model(session, config, condition, seed)
-        if tracking:
-            tracking.finish(outcome)
-        return outcome
-
-    return chain
+def _to_be_continued(session: Session, config: RunConfig, models: Sequence[ModelOutcome]) -> list[int]:
+    """Places of the models that are evaluated on further episodes: those of conditions that are not settled."""
+    stop = config.evaluate.stop
+    if stop is None:
+        return []
+    first, episodes = models[0].condition, {}
+    for model in models:
+        episodes[model.condition] = num_episodes(session, model.evaluation)
+    try:
+        names = unsettled(condition_results(session.store, *_rows(models)), stop)
+    except ArtifactNotFound:
+        names = list(episodes)  # a run in thought: it may need them all
+    further = {name for name in names if episodes[name] < config.evaluate.episodes}
+    # Episodes are compared in pairs: the first condition keeps up with those that are compared with it.
+    if stop.comparison and any(episodes[name] >= episodes[first] for name in further):
+        further.add(first)
+    return [place for place, model in enumerate(models) if model.condition in further]
 
 
 def _wait(futures: Sequence[Future[ModelOutcome]], session: Session) -> None:
@@ -150,21 +200,24 @@ def write_report(session: Session, config: RunConfig, outcome: RunOutcome) -> Ar
         task=config.task,
         rows=rows,
         findings=outcome.findings,
-        facts=_facts(config, outcome.models),
+        facts=_facts(config, outcome, session.store),
         configuration=config.model_dump(mode="json"),
         links=_links(),
     )
     return report(session.for_model("", session.record), evaluations=evaluations, config=report_config)
 
 
-def _facts(config: RunConfig, models: Sequence[ModelOutcome]) -> Mapping[str, str]:
-    seen = dict.fromkeys(_SEEN.get(model.observes, model.observes) for model in models)
+def _facts(config: RunConfig, outcome: RunOutcome, store: ArtifactStore) -> Mapping[str, str]:
+    seen = dict.fromkeys(_SEEN.get(model.observes, model.observes) for model in outcome.models)
+    episodes, stop = str(config.evaluate.episodes), config.evaluate.stop
     return {
         "Task": config.task,
         "Randomness": config.randomness.value,
         "The policies see": "; or ".join(seen),
         "Seeds": ", ".join(map(str, config.seeds)),
-        "Evaluation episodes a model": str(config.evaluate.episodes),
+        "Evaluation episodes a model": f"at most {episodes}: {told(outcome.results(store), stop)}"
+        if stop
+        else episodes,
     }
 
 

@@ -5,6 +5,7 @@ Nothing here decides what is computed; what does belongs into a configuration fi
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from functools import cached_property
@@ -15,6 +16,7 @@ from urllib.parse import urlsplit
 from pydantic import Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from flows.running.capacity import stages_at_a_time
 from juicer.errors import ConfigError, did_you_mean
 from juicer.policy.pretrained.files import DEFAULT_FOLDER, expanded
 from juicer.problems import first_problem
@@ -25,6 +27,8 @@ PREFIX = "JUICER_"
 RUNNER_VARIABLE = f"{PREFIX}RUNNER"
 RENAMED = {f"{PREFIX}SPREAD": f"; {RUNNER_VARIABLE} now says where stages run, e.g. dask or tcp://HOST:8786"}
 LONGEST_PLACE = 4096
+ACTING_ROWS = 16
+"""As :data:`juicer.policy.acting.INFERENCE_ROWS`, which is not imported as torch takes long."""
 
 
 class Settings(BaseSettings):
@@ -34,11 +38,13 @@ class Settings(BaseSettings):
         data: Local folder for the databases, the services' addresses and notes of what MLflow shall show.
         store: Artifact store, a folder or an fsspec URL such as ``s3://bucket/juicer``; ``data`` if empty.
         tracking_uri: MLflow tracking address; a SQLite file in ``data`` if empty, ``none`` to track nothing.
-        workers: Stages that run at the same time.
+        workers: Stages that run at the same time, and threads that step the environments of one; as many as there are
+            processors and memory for if empty.
         runner: Where the stages of flows run: ``threads`` of this process; workers of ``dask`` or ``ray`` that are
             started on this machine for the run; or those of a cluster, by the address of Dask's scheduler
             (``tcp://HOST:8786``) or of Ray's head (``ray://HOST:10001``).
-        num_envs: Simulated environments that a rollout steps side by side.
+        num_envs: Simulated environments that a rollout steps side by side; if empty, as many as keep these threads
+            busy, in the batches in which a policy computes its actions.
         device: Torch device that policies are trained on and act on: ``cpu``, ``cuda``, or ``cuda:1`` for the second;
             of several, ``cuda:0,cuda:1``, each takes a training of its own.
         train_processes: Processes that train one policy together, each on one of these devices.
@@ -56,9 +62,9 @@ class Settings(BaseSettings):
     data: Path = Path("data")
     store: str = ""
     tracking_uri: str = ""
-    workers: int = Field(default=2, ge=1, le=1024)
+    workers: int = Field(default_factory=stages_at_a_time, ge=1, le=1024)
     runner: str = "threads"
-    num_envs: int = Field(default=16, ge=1, le=4096)
+    num_envs: int | None = Field(default=None, ge=1, le=4096)
     device: str = "cpu"
     train_processes: int = Field(default=1, ge=1, le=64)
     loaders: int | None = Field(default=None, ge=0, le=64)
@@ -118,7 +124,9 @@ class Settings(BaseSettings):
         """How much of this machine a stage may use."""
         # A user of a container may have no home.
         weights = (expanded(self.weights) or self.folder / "weights").absolute()
-        return Machine(self.workers, self.num_envs, self.devices, self.train_processes, self.loaders, weights=weights)
+        # Policies act in batches of as many rows, whether there are episodes to fill them or not.
+        num_envs = self.num_envs or ACTING_ROWS * math.ceil(self.workers / ACTING_ROWS)
+        return Machine(self.workers, num_envs, self.devices, self.train_processes, self.loaders, weights=weights)
 
     @property
     def runner_kind(self) -> Literal["threads", "dask", "ray"]:

@@ -26,6 +26,7 @@ class Evaluation:
         randomness: Level of the initial states.
         max_steps: Steps after which an episode ended; the task's own limit if None.
         rows: How each episode ended, in the order of the initial states.
+        anytime: Whether their number depended on what was found, so that only what holds at any time may be said of it.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Evaluation:
     randomness: str
     max_steps: int | None
     rows: tuple[EvaluationRow, ...]
+    anytime: bool = False
 
     @property
     def successes(self) -> int:
@@ -46,10 +48,10 @@ class Evaluation:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 % Wilson interval of the rate."""
-        from juicer.evaluation import wilson_interval
+        """95 % interval of the rate: Wilson's, or one that holds at any time."""
+        from juicer.evaluation import anytime_interval, wilson_interval
 
-        return wilson_interval(self.successes, len(self.rows))
+        return (anytime_interval if self.anytime else wilson_interval)(self.successes, len(self.rows))
 
     @property
     def outcomes(self) -> dict[str, int]:
@@ -78,7 +80,7 @@ def compare(first: Evaluation, second: Evaluation) -> PairedComparison:
         ConfigError: If one is not an evaluation, if they are not of the same task, randomness and length of an
             episode, or if they have no initial state in common.
     """
-    from juicer.evaluation import PairedComparison, mcnemar_p_value
+    from juicer.evaluation import PairedComparison, anytime_p_value, mcnemar_p_value
     from juicer.tasks.registry import get_task
 
     for one in (first, second):
@@ -98,5 +100,6 @@ def compare(first: Evaluation, second: Evaluation) -> PairedComparison:
     if not pairs:
         raise ConfigError(f"'{first.name}' and '{second.name}' were evaluated on different initial states")
     first_only, second_only = pairs.count((True, False)), pairs.count((False, True))
-    p_value = mcnemar_p_value(first_only, second_only)
-    return PairedComparison(first.name, second.name, first_only, second_only, len(pairs), p_value)
+    anytime = first.anytime or second.anytime
+    p_value = (anytime_p_value if anytime else mcnemar_p_value)(first_only, second_only)
+    return PairedComparison(first.name, second.name, first_only, second_only, len(pairs), p_value, anytime)

@@ -41,6 +41,7 @@ def condition_results(
         ArtifactError: If an evaluation is missing, damaged or without an episode.
     """
     models: dict[str, list[ModelResult]] = {}
+    stopped = set()
     for ref, row in zip(evaluations, rows, strict=True):
         table = read_evaluation(store.open(ref, "evaluation"))
         if not table:
@@ -51,8 +52,13 @@ def condition_results(
             successes=tuple(entry.outcome is Outcome.SUCCESS for entry in table),
         )
         models.setdefault(row.condition, []).append(result)
+        if store.recipe(ref).config.get("anytime") is True:
+            stopped.add(row.condition)
     titles = {row.condition: row.title for row in rows}
-    return [summarise(condition, results, titles[condition]) for condition, results in models.items()]
+    return [
+        summarise(condition, results, titles[condition], anytime=condition in stopped)
+        for condition, results in models.items()
+    ]
 
 
 def comparisons(results: Sequence[ConditionResult]) -> Iterator[PairedComparison]:

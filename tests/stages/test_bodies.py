@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from flows.command.evaluated import evaluated_row, kept_episode, recomputed_episode
+from flows.stopping import StopConfig, measure_alone
 from juicer.annotation.propose import AnnotationConfig
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
@@ -30,11 +31,13 @@ from juicer.errors import (
     TrainingFailed,
     WrongArtifactKind,
 )
+from juicer.evaluation import anytime_interval
 from juicer.policy.checkpoint import load_policy
 from juicer.policy.config import HorizonConfig
 from juicer.reporting.comparison import ReportRow
 from juicer.reporting.report import gather
 from juicer.rollout import rollout
+from juicer.sim.env import AssemblyEnv
 from juicer.storage.annotations import read_annotations
 from juicer.storage.curves import read_curves
 from juicer.storage.episodes import EpisodeReader, write_episodes
@@ -339,6 +342,53 @@ def test_evaluation_does_not_depend_on_how_many_episodes_run_beside_each_other(l
         replace(loop.session, store=store, machine=Machine(num_envs=1)), checkpoint=loop.checkpoint, config=EVALUATE
     )
     assert store.manifest(again).content == loop.store.manifest(loop.evaluation).content
+
+
+class QuickSuccesses(AssemblyEnv):
+    """Succeeds in three steps from states of odd seeds, and lasts from the others."""
+
+    def reset(self, *, seed=None, options=None):
+        self.seed, self.taken = seed, 0
+        return super().reset(seed=seed)
+
+    def step(self, action):
+        observation, reward, terminated, truncated, info = super().step(action)
+        self.taken += 1
+        if self.seed % 2 and self.taken == 3:
+            info["outcome"], terminated = Outcome.SUCCESS, True
+        return observation, reward, terminated, truncated, info
+
+
+@pytest.mark.parametrize("num_envs", [1, 3, 8])
+def test_an_evaluation_that_stops_does_not_prefer_quick_successes_to_slow_failures(loop, monkeypatch, num_envs):
+    monkeypatch.setattr("juicer.rollout.AssemblyEnv", QuickSuccesses)
+    forced = frozenset({"evaluate"})
+    session = replace(loop.session, machine=Machine(num_envs=num_envs), forced=forced, fresh=set())
+    config, stop = EVALUATE.model_copy(update={"episodes": 12}), StopConfig(every=4, width=0.8, comparison=False)
+    ref = measure_alone(session, loop.checkpoint, config, stop)
+    rows, facts = read_evaluation(loop.store.open(ref)), summary(loop, ref)
+    assert [row.seed for row in rows] == list(range(3_000_000, 3_000_008))
+    assert [row.outcome is Outcome.SUCCESS for row in rows] == [False, True] * 4
+    assert (facts["interval_low"], facts["interval_high"]) == anytime_interval(4, 8)
+
+
+def test_an_evaluation_in_blocks_is_the_one_at_once(loop):
+    config = EVALUATE.model_copy(update={"episodes": 5, "anytime": True})
+    first = evaluate(loop.session, checkpoint=loop.checkpoint, config=config.model_copy(update={"episodes": 2}))
+    whole = evaluate(loop.session, checkpoint=loop.checkpoint, config=config)
+    blocks = evaluate(loop.session, checkpoint=loop.checkpoint, previous=first, config=config)
+    assert blocks != whole
+    assert loop.store.manifest(blocks).content == loop.store.manifest(whole).content
+    assert summary(loop, blocks) == summary(loop, whole)
+    row = evaluated_row(loop.store, blocks, 4)
+    assert not recomputed_episode(loop.store, blocks, row).differences
+
+
+@pytest.mark.parametrize("changes", [{"episodes": 2}, {"first": 1}, {"seed": 1}, {"anytime": True}])
+def test_an_evaluation_continues_none_but_its_own_beginning(loop, changes):
+    config = EVALUATE.model_copy(update={"episodes": 5, **changes})
+    with pytest.raises(ConfigError, match="is not the beginning of"):
+        evaluate(loop.session, checkpoint=loop.checkpoint, previous=loop.evaluation, config=config)
 
 
 def test_other_sampling_steps_make_another_evaluation_and_a_head_without_them_refuses_them(loop):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from flows.running import capacity
 from flows.running.device import check_device
-from flows.running.settings import read_settings
+from flows.running.settings import ACTING_ROWS, read_settings
 from juicer.errors import ConfigError
+from juicer.policy.acting import INFERENCE_ROWS, ROWS_OF_IMAGES
 
 
 def test_defaults_stay_in_the_data_folder(monkeypatch, tmp_path):
@@ -61,6 +63,24 @@ def test_more_processes_than_devices_are_refused_before_anything_starts(monkeypa
 def test_an_address_says_whose_cluster_it_is(monkeypatch, runner, kind, cluster):
     monkeypatch.setenv("JUICER_RUNNER", runner)
     assert (read_settings().runner_kind, read_settings().cluster) == (kind, cluster)
+
+
+@pytest.mark.parametrize(("cores", "memory", "workers"), [(2, 8e9, 2), (64, 128e9, 64), (64, 5.2e9, 5), (0.5, 1e8, 1)])
+def test_as_many_stages_run_as_there_are_processors_and_memory_for(monkeypatch, cores, memory, workers):
+    monkeypatch.setattr(capacity, "usable_cores", lambda: cores)
+    monkeypatch.setattr(capacity, "available_memory", lambda: memory)
+    monkeypatch.delenv("JUICER_WORKERS", raising=False)
+    assert read_settings().workers == workers
+
+
+@pytest.mark.parametrize(("workers", "num_envs"), [("1", 16), ("16", 16), ("17", 32), ("64", 64)])
+def test_environments_keep_every_thread_busy_in_whole_batches_of_a_policy(monkeypatch, workers, num_envs):
+    monkeypatch.setenv("JUICER_WORKERS", workers)
+    assert read_settings().machine.num_envs == num_envs
+    assert ACTING_ROWS == INFERENCE_ROWS
+    assert ACTING_ROWS % ROWS_OF_IMAGES == 0
+    monkeypatch.setenv("JUICER_NUM_ENVS", "3")
+    assert read_settings().machine.num_envs == 3
 
 
 @pytest.mark.parametrize(
