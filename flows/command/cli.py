@@ -241,12 +241,16 @@ def evaluate(
         int | None,
         typer.Option("--inference-steps", min=1, help="Steps that sample an action chunk, if not the policy's own."),
     ] = None,
+    samples: Annotated[
+        int,
+        typer.Option("--samples", min=1, help="Chunks drawn at each prediction; the one where they are densest acts."),
+    ] = 1,
     as_json: AsJson = False,
 ) -> None:
     """Measure the success rate of a checkpoint."""
     from flows.command.evaluate import evaluate_checkpoint
 
-    evaluate_checkpoint(checkpoint, task, episodes, seed_start, randomness, inference_steps, as_json)
+    evaluate_checkpoint(checkpoint, task, episodes, seed_start, randomness, inference_steps, samples, as_json)
 
 
 @app.command()

@@ -28,6 +28,7 @@ def evaluate_checkpoint(
     seed_start: int,
     randomness: str,
     inference_steps: int | None,
+    samples: int,
     as_json: bool,
 ) -> None:
     """``juicer evaluate``."""
@@ -39,13 +40,14 @@ def evaluate_checkpoint(
     ref = open_store(settings).resolve(text, "checkpoint")
     with open_run(settings, None) as run_context:
         store = run_context.session.store
-        task = task or _only_task(store, ref)
+        task = task or only_task(store, ref)
         content = {
             "task": task,
             "episodes": episodes,
             "first": seed_start,
             "randomness": randomness,
             "inference_steps": inference_steps,
+            "samples": samples,
         }
         config = parse_config(content, EvaluateConfig, origin="evaluate")
         session = replace(run_context.session, label=ref.id)
@@ -63,7 +65,13 @@ def evaluate_checkpoint(
         say(f"  {name.replace('_', ' '):16} {summary['milestones'][name]}")
 
 
-def _only_task(store: ArtifactStore, checkpoint: ArtifactRef) -> str:
+def only_task(store: ArtifactStore, checkpoint: ArtifactRef) -> str:
+    """The task that a checkpoint was trained for.
+
+    Raises:
+        InvalidCheckpoint: If it does not say.
+        ConfigError: If it was trained for several.
+    """
     tasks = store.manifest(checkpoint).summary.get("tasks")
     if not isinstance(tasks, list) or not tasks:
         raise InvalidCheckpoint(f"{checkpoint} does not say what it was trained for; choose a task with --task")
