@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from flows.analyses import AnyAnalysis
 from flows.conditions import MOST_DEFINITIONS, MOST_ROUNDS, Condition, Name, defaults
 from flows.written import POLICIES_KEY, Written, settled
 from juicer.annotation.propose import AnnotationConfig
@@ -57,6 +58,7 @@ class LoopConfig(StrictConfig):
         collect: Rollouts of a turn.
         select: Which of them are kept.
         evaluate: The final measurement.
+        analyses: By name, what is to be known of the models beside their success rates.
         mix: By task, the loops whose data a model for several tasks is trained on.
     """
 
@@ -79,6 +81,7 @@ class LoopConfig(StrictConfig):
     collect: CollectSection = CollectSection()
     select: SelectConfig = SelectConfig()
     evaluate: EvaluateSection = EvaluateSection()
+    analyses: dict[Name, AnyAnalysis] = Field(default={}, max_length=MOST_DEFINITIONS)
     mix: dict[TaskName, LoopConfig] = Field(default={}, max_length=len(TASK_NAMES))
 
     @model_validator(mode="before")

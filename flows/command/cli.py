@@ -23,6 +23,7 @@ from juicer.tasks.specification import Randomness
 from stages.runtime.names import STAGES
 
 VIEWS = ("front", "wrist", "both")
+ANALYSES = ("sampling", "modes", "monitor")
 FAILED = 1
 INTERRUPTED = 130
 
@@ -251,6 +252,26 @@ def evaluate(
     from flows.command.evaluate import evaluate_checkpoint
 
     evaluate_checkpoint(checkpoint, task, episodes, seed_start, randomness, inference_steps, samples, as_json)
+
+
+@app.command()
+def analyse(
+    kind: Annotated[
+        str, typer.Argument(help=f"What is to be known: {', '.join(ANALYSES)}.", **choice(ANALYSES, "KIND"))
+    ],
+    checkpoint: Annotated[str, typer.Argument(metavar="CHECKPOINT", help="Id of a checkpoint, or its first letters.")],
+    task: Annotated[
+        str | None,
+        typer.Option("--task", help="Task, if the checkpoint was trained for several.", **choice(TASK_NAMES)),
+    ] = None,
+    overrides: Overrides = None,
+    figure: Annotated[Path | None, typer.Option("--figure", help="File to write the figure to, as PNG.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Find out more about a checkpoint than its success rate, e.g. juicer analyse monitor ID --set randomness=med."""
+    from flows.command.analyse import analyse_checkpoint
+
+    analyse_checkpoint(kind, checkpoint, task, overrides or (), figure, as_json)
 
 
 @app.command()

@@ -17,6 +17,7 @@ from juicer.artifacts.manifest import STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.evaluation import ConditionResult
+from juicer.reporting.analyses import AnalysisRow
 from juicer.reporting.comparison import ReportRow, condition_results
 from stages.report import ReportConfig, report
 from stages.runtime.context import Record
@@ -60,6 +61,7 @@ class RunOutcome:
                     "checkpoint": str(model.checkpoint),
                     "evaluation": str(model.evaluation),
                     "observes": model.observes or None,
+                    "analyses": {name: str(ref) for name, ref in model.analyses.items()},
                     "finding": model.finding or None,
                 }
                 for model in self.models
@@ -145,16 +147,23 @@ def _rows(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tupl
 def write_report(session: Session, config: RunConfig, outcome: RunOutcome) -> ArtifactRef:
     """Make the page about the models."""
     evaluations, rows = _rows(outcome.models)
+    found = [(model, name, ref) for model in outcome.models for name, ref in model.analyses.items()]
     report_config = ReportConfig(
         title=config.name,
         task=config.task,
         rows=rows,
+        analyses=tuple(AnalysisRow(name=name, title=model.title, seed=model.seed) for model, name, _ in found),
         findings=outcome.findings,
         facts=_facts(config, outcome.models),
         configuration=config.model_dump(mode="json"),
         links=_links(),
     )
-    return report(session.for_model("", session.record), evaluations=evaluations, config=report_config)
+    return report(
+        session.for_model("", session.record),
+        evaluations=evaluations,
+        analyses=tuple(ref for _, _, ref in found),
+        config=report_config,
+    )
 
 
 def _facts(config: RunConfig, models: Sequence[ModelOutcome]) -> Mapping[str, str]:
