@@ -102,6 +102,7 @@ def modes_figure(rows: Sequence[ModesRow]) -> bytes:
                 f"{row.chunk_ms:.3g}", (row.samples, row.chunk_ms), xytext=(6, -12), textcoords="offset points"
             )
         right.margins(x=0.15)
+        right.set_ylim(0.4 * min(row.chunk_ms for row in rows), 3 * max(row.chunk_ms for row in rows))
         right.set_title("ms of one core a chunk")
         for axes in (left, right):
             axes.set_xscale("log")
