@@ -10,11 +10,13 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_serializer, field_validator, model_validator
 
+from flows.analyses import SamplingAnalysis
 from flows.conditions import MOST_DEFINITIONS, Condition, Name, check_known, defaults, defined, shipped
 from flows.loop_config import LoopConfig
 from flows.written import TASKS_KEY, Written, read_written, settled, take_written
 from juicer.config import parse_config
 from juicer.errors import ConfigError, did_you_mean
+from juicer.policy.config import PolicyConfig, sampled_in
 from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.tasks.registry import TASK_NAMES
 from juicer.text import printable
@@ -53,6 +55,25 @@ class FlowConfig(LoopConfig):
             )
         return self
 
+    @model_validator(mode="after")
+    def _analyses_name_conditions(self) -> Self:
+        for key, analysis in self.analyses.items():
+            for name in analysis.conditions:
+                if name not in self.conditions and shipped(name) is None:
+                    near = did_you_mean(name, {**defaults()["conditions"], **self.conditions})
+                    raise ValueError(f"analyses.{key}.conditions: there is no condition '{name}'{near}")
+        return self
+
+    @model_validator(mode="after")
+    def _policies_sample_in_as_many_steps(self) -> Self:
+        for key, analysis in self.analyses.items():
+            if isinstance(analysis, SamplingAnalysis):
+                for name in self.chosen:
+                    policy = self.final_training(self.method(name), 0).policy
+                    if policy.draws_samples and analysis.concerns(name, is_first_seed=True):
+                        _check_steps(policy, analysis, key)
+        return self
+
     def method(self, name: str) -> Condition:
         """What a condition is made of, whether the configuration says it or juicer."""
         found = self.conditions.get(name) or shipped(name)
@@ -73,6 +94,13 @@ class FlowConfig(LoopConfig):
     def is_joint(self) -> bool:
         """Whether one of the models is for several tasks."""
         return any(self.method(name).joint_policy for name in self.chosen)
+
+
+def _check_steps(policy: PolicyConfig, analysis: SamplingAnalysis, key: str) -> None:
+    try:
+        sampled_in(policy, max(analysis.inference_steps))
+    except ConfigError as error:
+        raise ValueError(f"analyses.{key}.inference_steps: {error}") from None
 
 
 class CollectInferConfig(FlowConfig):

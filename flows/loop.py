@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
+from flows.analyses import analyse
 from flows.conditions import Condition
 from flows.config import RunConfig
 from flows.loop_config import LoopConfig
@@ -45,6 +47,7 @@ class ModelOutcome:
         evaluation: How it did.
         finding: Why it learned from less than it should, as a sentence.
         observes: What it sees, and what it was taught with beside; empty if that is not known.
+        analyses: What else was found out about it, by the names in the configuration.
     """
 
     condition: str
@@ -54,6 +57,7 @@ class ModelOutcome:
     evaluation: ArtifactRef
     finding: str = ""
     observes: str = ""
+    analyses: Mapping[str, ArtifactRef] = field(default_factory=dict)
 
 
 _Selected = tuple[ArtifactRef, ArtifactRef]
@@ -102,7 +106,23 @@ def run_model(session: Session, config: RunConfig, name: str, seed: int) -> Mode
     findings += _findings(session, evaluation)
     observes = _observes(session, evaluation)
     title = condition.title if observes in ("", STATE) else f"{condition.title} ({observes})"
-    return ModelOutcome(name, title, seed, checkpoint, evaluation, "; ".join(findings), observes)
+    analyses = _analyses(session, config, name, seed, checkpoint)
+    return ModelOutcome(name, title, seed, checkpoint, evaluation, "; ".join(findings), observes, analyses)
+
+
+def _analyses(
+    session: Session, config: RunConfig, name: str, seed: int, checkpoint: ArtifactRef
+) -> dict[str, ArtifactRef]:
+    """What is asked of this model; there are no samples to analyse of one that always predicts the same."""
+    condition = config.method(name)
+    if condition.replay or not config.final_training(condition, seed).policy.draws_samples:
+        return {}
+    get = partial(get_demonstrations, session, config)
+    return {
+        key: analyse(session, config, checkpoint, analysis, get)
+        for key, analysis in config.analyses.items()
+        if analysis.concerns(name, is_first_seed=seed == config.seeds[0])
+    }
 
 
 def evaluate_further(session: Session, config: RunConfig, model: ModelOutcome) -> ModelOutcome:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from flows.analyses import AnyAnalysis
 from flows.conditions import MOST_DEFINITIONS, MOST_ROUNDS, Condition, Name, defaults
 from flows.stopping import StoppableSection
 from flows.written import POLICIES_KEY, Written, settled
@@ -58,6 +59,7 @@ class LoopConfig(StrictConfig):
         collect: Rollouts of a turn.
         select: Which of them are kept.
         evaluate: The final measurement.
+        analyses: By name, what is to be known of the models beside their success rates.
         mix: By task, the loops whose data a model for several tasks is trained on.
     """
 
@@ -80,6 +82,7 @@ class LoopConfig(StrictConfig):
     collect: CollectSection = CollectSection()
     select: SelectConfig = SelectConfig()
     evaluate: StoppableSection = StoppableSection()
+    analyses: dict[Name, AnyAnalysis] = Field(default={}, max_length=MOST_DEFINITIONS)
     mix: dict[TaskName, LoopConfig] = Field(default={}, max_length=len(TASK_NAMES))
 
     @model_validator(mode="before")

@@ -14,6 +14,8 @@ from juicer.rollout import rollout
 from juicer.tasks.specification import Randomness
 from juicer.tasks.task_name import TaskName
 
+MOST_SAMPLES = 10_000
+
 
 class RolloutSection(StrictConfig):
     """Where rollouts start and how long they may take, whatever the task."""
@@ -40,6 +42,12 @@ class RolloutConfig(RolloutSection):
         gt=0,
         le=1000,
         description="steps in which a chunk is sampled; as many as the policy says if empty",
+    )
+    samples: int = Field(
+        default=1,
+        gt=0,
+        le=MOST_SAMPLES,
+        description="chunks that are drawn at each prediction; of several, the one where they are densest is executed",
     )
 
 
@@ -75,7 +83,7 @@ def roll_out(
     from juicer.policy.checkpoint import load_policy  # torch takes seconds to import
 
     return rollout(
-        load_policy(checkpoint, config.task, config.max_steps, device, config.inference_steps),
+        load_policy(checkpoint, config.task, config.max_steps, device, config.inference_steps, config.samples),
         config.task,
         config.randomness,
         seeds,

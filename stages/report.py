@@ -13,6 +13,7 @@ from juicer.config import StrictConfig
 from juicer.episode import Outcome
 from juicer.errors import ConfigError, NothingLeft, RenderingUnavailable
 from juicer.evaluation import ConditionResult
+from juicer.reporting.analyses import AnalysisRow, shown_analyses
 from juicer.reporting.comparison import ReportRow, condition_results
 from juicer.reporting.content import EpisodeVideo
 from juicer.reporting.report import configuration_text, gather
@@ -39,6 +40,7 @@ class ReportConfig(StrictConfig):
         title: Headline.
         task: Assembly task, whose figures of the paper are shown.
         rows: Whose evaluations they are, in their order.
+        analyses: Whose analyses they are, in their order.
         findings: Sentences that a reader must not miss.
         facts: Setting of the run in a few name-value pairs.
         configuration: The whole configuration of the run, as it can be run again.
@@ -49,6 +51,7 @@ class ReportConfig(StrictConfig):
     title: str
     task: str = "one_leg"
     rows: tuple[ReportRow, ...] = ()
+    analyses: tuple[AnalysisRow, ...] = ()
     findings: tuple[str, ...] = ()
     facts: Mapping[str, str] = Field(default_factory=dict)
     configuration: Mapping[str, Any] = Field(default_factory=dict)
@@ -57,17 +60,24 @@ class ReportConfig(StrictConfig):
 
 @stage(
     kind="report",
-    inputs={"evaluations": "evaluation"},
+    inputs={"evaluations": "evaluation", "analyses": "analysis"},
     libraries=("matplotlib",),
     headline=("episodes",),
 )
-def report(context: StageContext, *, evaluations: tuple[ArtifactRef, ...], config: ReportConfig) -> None:
+def report(
+    context: StageContext,
+    *,
+    evaluations: tuple[ArtifactRef, ...],
+    analyses: tuple[ArtifactRef, ...] = (),
+    config: ReportConfig,
+) -> None:
     """Write the page about evaluated models, and videos of a success and a failure."""
     from juicer.reporting.page import write_page  # drawing libraries take long to import
 
     _check(evaluations, config)
     results = condition_results(context.store, evaluations, config.rows)
     videos, findings = _videos(context, evaluations, config, results)
+    shown = tuple(shown_analyses(context.store, analyses, config.analyses))
     data = gather(
         context.store,
         evaluations,
@@ -77,12 +87,16 @@ def report(context: StageContext, *, evaluations: tuple[ArtifactRef, ...], confi
         facts=config.facts,
         findings=(*config.findings, *findings),
         videos=videos,
+        analyses=shown,
         configuration=config.configuration,
         links=config.links,
     )
     write_page(data, context.draft.path / PAGE)
     for number, figure in enumerate(varied_images(context.store, evaluations)):
         (context.draft.path / f"{VARIED}{number or ''}.png").write_bytes(figure)
+    for row, analysis in zip(config.analyses, shown, strict=True):
+        if analysis.png:
+            (context.draft.path / f"{row.file_name}.png").write_bytes(analysis.png)
     if config.configuration:
         (context.draft.path / CONFIGURATION).write_text(configuration_text(config.configuration), encoding="utf-8")
     best = max(results, key=lambda row: row.average)

@@ -23,6 +23,7 @@ from juicer.tasks.specification import Randomness
 from stages.runtime.names import STAGES
 
 VIEWS = ("front", "wrist", "both")
+ANALYSES = ("sampling", "modes", "monitor")
 FAILED = 1
 INTERRUPTED = 130
 
@@ -249,12 +250,44 @@ def evaluate(
             help="End as soon as the 95 % interval is at most so wide, e.g. 0.2; looked at after every 25 episodes.",
         ),
     ] = None,
+    samples: Annotated[
+        int,
+        typer.Option("--samples", min=1, help="Chunks drawn at each prediction; the one where they are densest acts."),
+    ] = 1,
     as_json: AsJson = False,
 ) -> None:
     """Measure the success rate of a checkpoint."""
     from flows.command.evaluate import evaluate_checkpoint
 
-    evaluate_checkpoint(checkpoint, task, episodes, seed_start, randomness, inference_steps, until_width, as_json)
+    asked = {
+        "task": task,
+        "episodes": episodes,
+        "first": seed_start,
+        "randomness": randomness,
+        "inference_steps": inference_steps,
+        "samples": samples,
+    }
+    evaluate_checkpoint(checkpoint, asked, until_width, as_json)
+
+
+@app.command()
+def analyse(
+    kind: Annotated[
+        str, typer.Argument(help=f"What is to be known: {', '.join(ANALYSES)}.", **choice(ANALYSES, "KIND"))
+    ],
+    checkpoint: Annotated[str, typer.Argument(metavar="CHECKPOINT", help="Id of a checkpoint, or its first letters.")],
+    task: Annotated[
+        str | None,
+        typer.Option("--task", help="Task, if the checkpoint was trained for several.", **choice(TASK_NAMES)),
+    ] = None,
+    overrides: Overrides = None,
+    figure: Annotated[Path | None, typer.Option("--figure", help="File to write the figure to, as PNG.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Find out more about a checkpoint than its success rate, e.g. juicer analyse monitor ID --set randomness=med."""
+    from flows.command.analyse import analyse_checkpoint
+
+    analyse_checkpoint(kind, checkpoint, task, overrides or (), figure, as_json)
 
 
 @app.command()

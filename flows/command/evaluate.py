@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,17 +22,15 @@ if TYPE_CHECKING:
     from juicer.artifacts.store import ArtifactStore
 
 
-def evaluate_checkpoint(
-    text: str,
-    task: str | None,
-    episodes: int,
-    seed_start: int,
-    randomness: str,
-    inference_steps: int | None,
-    until_width: float | None,
-    as_json: bool,
-) -> None:
-    """``juicer evaluate``."""
+def evaluate_checkpoint(text: str, asked: Mapping[str, object], until_width: float | None, as_json: bool) -> None:
+    """``juicer evaluate``.
+
+    Args:
+        text: Id of a checkpoint, or its first letters.
+        asked: What :class:`stages.evaluate.EvaluateConfig` says; without a task, that of the checkpoint is taken.
+        until_width: Width of the interval at which it ends, if it does before all episodes.
+        as_json: Whether it is told to a machine.
+    """
     from flows.stopping import StopConfig, measure_alone
     from stages.evaluate import EvaluateConfig
 
@@ -44,14 +43,7 @@ def evaluate_checkpoint(
     ref = open_store(settings).resolve(text, "checkpoint")
     with open_run(settings, None) as run_context:
         store = run_context.session.store
-        task = task or _only_task(store, ref)
-        content = {
-            "task": task,
-            "episodes": episodes,
-            "first": seed_start,
-            "randomness": randomness,
-            "inference_steps": inference_steps,
-        }
+        content = {**asked, "task": asked["task"] or only_task(store, ref)}
         config = parse_config(content, EvaluateConfig, origin="evaluate")
         session = replace(run_context.session, label=ref.id)
         evaluation = measure_alone(session, ref, config, stop)
@@ -64,11 +56,17 @@ def evaluate_checkpoint(
         f"{summary['success_rate']:.0%} of {summary['episodes']} episodes succeed "
         f"(95 % interval {low:.0%} to {high:.0%}); {evaluation}"
     )
-    for name in get_task(task).milestones:
+    for name in get_task(config.task).milestones:
         say(f"  {name.replace('_', ' '):16} {summary['milestones'][name]}")
 
 
-def _only_task(store: ArtifactStore, checkpoint: ArtifactRef) -> str:
+def only_task(store: ArtifactStore, checkpoint: ArtifactRef) -> str:
+    """The task that a checkpoint was trained for.
+
+    Raises:
+        InvalidCheckpoint: If it does not say.
+        ConfigError: If it was trained for several.
+    """
     tasks = store.manifest(checkpoint).summary.get("tasks")
     if not isinstance(tasks, list) or not tasks:
         raise InvalidCheckpoint(f"{checkpoint} does not say what it was trained for; choose a task with --task")

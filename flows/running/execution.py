@@ -20,6 +20,7 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ArtifactNotFound
 from juicer.evaluation import ConditionResult
+from juicer.reporting.analyses import AnalysisRow
 from juicer.reporting.comparison import ReportRow, condition_results
 from stages.report import ReportConfig, report
 from stages.runtime.context import Record
@@ -63,6 +64,7 @@ class RunOutcome:
                     "checkpoint": str(model.checkpoint),
                     "evaluation": str(model.evaluation),
                     "observes": model.observes or None,
+                    "analyses": {name: str(ref) for name, ref in model.analyses.items()},
                     "finding": model.finding or None,
                 }
                 for model in self.models
@@ -195,16 +197,23 @@ def _rows(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tupl
 def write_report(session: Session, config: RunConfig, outcome: RunOutcome) -> ArtifactRef:
     """Make the page about the models."""
     evaluations, rows = _rows(outcome.models)
+    found = [(model, name, ref) for model in outcome.models for name, ref in model.analyses.items()]
     report_config = ReportConfig(
         title=config.name,
         task=config.task,
         rows=rows,
+        analyses=tuple(AnalysisRow(name=name, title=model.title, seed=model.seed) for model, name, _ in found),
         findings=outcome.findings,
         facts=_facts(config, outcome, session.store),
         configuration=config.model_dump(mode="json"),
         links=_links(),
     )
-    return report(session.for_model("", session.record), evaluations=evaluations, config=report_config)
+    return report(
+        session.for_model("", session.record),
+        evaluations=evaluations,
+        analyses=tuple(ref for _, _, ref in found),
+        config=report_config,
+    )
 
 
 def _facts(config: RunConfig, outcome: RunOutcome, store: ArtifactStore) -> Mapping[str, str]:

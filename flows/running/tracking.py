@@ -16,7 +16,7 @@ from stages.runtime.names import STAGES
 from stages.tracking.model import Model
 from stages.tracking.recorder import Recorder
 
-_NOT_IDENTITY = {"condition", "conditions", "seed", "seeds", "flow", "logs", "labels"}
+_NOT_IDENTITY = {"condition", "conditions", "seed", "seeds", "flow", "logs", "labels", "analyses"}
 _SHARED_PARAMS = (
     "task",
     "randomness",

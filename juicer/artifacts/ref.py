@@ -11,7 +11,7 @@ from juicer.text import printable
 
 _OURS = (
     *("logs", "episodes", "columns", "annotations", "selection", "dataset"),
-    *("estimator", "checkpoint", "evaluation", "report"),
+    *("estimator", "checkpoint", "evaluation", "analysis", "report"),
 )
 _WORD = re.compile(r"[a-z][a-z0-9_]{0,39}")
 KINDS = (*_OURS, *(name for name in announced("juicer.kinds") if _WORD.fullmatch(name) and name not in _OURS))

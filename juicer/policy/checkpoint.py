@@ -77,14 +77,16 @@ class Checkpoint:
         _fill(network, weights or {}, "the checkpoint")
         return network
 
-    def policy(self, task: str, device: str = "cpu", inference_steps: int | None = None) -> TrainedPolicy:
-        """The policy, ready to act on a task, on a torch device; see :meth:`network`.
+    def policy(
+        self, task: str, device: str = "cpu", inference_steps: int | None = None, samples: int = 1
+    ) -> TrainedPolicy:
+        """The policy, ready to act on a task; see :meth:`network` and :class:`juicer.policy.acting.TrainedPolicy`.
 
         Raises:
             InvalidCheckpoint: If it was not trained for the task.
-            ConfigError: If there is no such device, or its head cannot sample in so many steps.
+            ConfigError: If there is no such device, or its head cannot sample in so many steps, or not at all.
         """
-        return TrainedPolicy(self.network(inference_steps), task, device=device)
+        return TrainedPolicy(self.network(inference_steps), task, device=device, samples=samples)
 
 
 def save_checkpoint(folder: Path, checkpoint: Checkpoint) -> None:
@@ -125,6 +127,7 @@ def load_policy(
     max_steps: int | None = None,
     device: str = "cpu",
     inference_steps: int | None = None,
+    samples: int = 1,
 ) -> TrainedPolicy | ReplayPolicy:
     """The policy of a checkpoint folder, ready to act on a task.
 
@@ -134,16 +137,19 @@ def load_policy(
         max_steps: Steps that an episode may take, if not as many as the task allows.
         device: Torch device that computes the actions; a replay computes nothing.
         inference_steps: Steps in which its head samples a chunk, if not as many as it was configured with.
+        samples: Chunks that are drawn at each prediction; of several, the one where they are densest is executed.
 
     Raises:
         InvalidCheckpoint: See :func:`load_checkpoint`; or if the policy was not trained for the task.
-        ConfigError: If there is no such device, or it cannot sample in so many steps.
+        ConfigError: If there is no such device, or it cannot sample in so many steps, or not at all.
     """
     if (replay := folder / REPLAY_FILE).exists() or replay.is_symlink():
         if inference_steps is not None:
             raise ConfigError("a replay has no inference_steps to choose")
+        if samples > 1:
+            raise ConfigError("a replay has no samples to choose among")
         return load_replay(replay, task, max_steps)
-    return load_checkpoint(folder).policy(task, device, inference_steps)
+    return load_checkpoint(folder).policy(task, device, inference_steps, samples)
 
 
 def _fill(network: PolicyNetwork, weights: Mapping[str, Tensor], origin: str) -> None:

@@ -133,6 +133,11 @@ class PolicyConfig(StrictConfig):
         parts = [part for each in self.observation.values() for part in each.fixed_parts]
         return tuple({canonical_json(part): part for part in parts}.values())
 
+    @property
+    def draws_samples(self) -> bool:
+        """Whether what it predicts depends on noise, so that there are several chunks to choose among."""
+        return "inference_steps" in type(self.head).model_fields
+
     @field_validator("observation", mode="before")
     @classmethod
     def _names_its_encoders(cls, given: object) -> object:
@@ -172,7 +177,7 @@ def sampled_in(policy: PolicyConfig, inference_steps: int) -> PolicyConfig:
         ConfigError: If its head has no such setting, or cannot sample in so many.
     """
     head = policy.head
-    if "inference_steps" not in type(head).model_fields:
+    if not policy.draws_samples:
         raise ConfigError(f"a head of kind '{head.kind}' has no inference_steps to choose")
     changed = {**head.model_dump(), "inference_steps": inference_steps}
     return policy.model_copy(update={"head": parse_config(changed, type(head), origin=f"head '{head.kind}'")})

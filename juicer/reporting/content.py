@@ -95,6 +95,27 @@ class DatasetSize:
 
 
 @dataclass(frozen=True)
+class ShownAnalysis:
+    """What else is known of a policy.
+
+    Attributes:
+        label: Which analysis of which model.
+        sentence: What was done, and what came of it.
+        columns: Head of the table of its numbers.
+        rows: The table.
+        png: The figure; empty if there is none.
+        seconds: Wall time that it took, in this run or in an earlier one.
+    """
+
+    label: str
+    sentence: str
+    columns: tuple[str, ...] = ()
+    rows: tuple[tuple[str, ...], ...] = ()
+    png: bytes = b""
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
 class LineageNode:
     """An artifact.
 
@@ -271,6 +292,7 @@ class ReportData:
         augmentations: Yield of each augmentation.
         estimators: Errors of each estimator whose estimates a policy acts on.
         datasets: Training data by condition.
+        analyses: What else is known of the policies.
         videos: A success, a typical failure.
         models: Every model with every episode of its evaluation.
         lineage: The artifacts behind the results, parents in any order.
@@ -291,6 +313,7 @@ class ReportData:
     augmentations: tuple[AugmentationYield, ...] = ()
     estimators: tuple[EstimatorErrors, ...] = ()
     datasets: tuple[DatasetSize, ...] = ()
+    analyses: tuple[ShownAnalysis, ...] = ()
     videos: tuple[EpisodeVideo, ...] = ()
     models: tuple[EvaluatedModel, ...] = ()
     lineage: tuple[LineageNode, ...] = ()

@@ -7,6 +7,7 @@ import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby, pairwise
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -90,7 +91,12 @@ def render_page(data: ReportData) -> str:
         lstrip_blocks=True,
     )
     environment.filters.update(duration=_duration, number=_number, percent=_percent)
-    environment.globals.update(episode_lines=_episode_lines, outcomes=_outcomes, lineage_graph=lineage_graph)
+    environment.globals.update(
+        episode_lines=_episode_lines,
+        outcomes=_outcomes,
+        png_uri=partial(_data_uri, "image/png"),
+        lineage_graph=lineage_graph,
+    )
     limits = loss_limits(data.curves)
     page = environment.get_template("report.html.j2").render(
         data=data,

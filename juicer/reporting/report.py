@@ -13,7 +13,7 @@ from juicer.artifacts.commit import CHANGED, UNKNOWN
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.reporting.comparison import ReportRow, comparisons, condition_results
-from juicer.reporting.content import EpisodeVideo, NextStep, Provenance, ReportData
+from juicer.reporting.content import EpisodeVideo, NextStep, Provenance, ReportData, ShownAnalysis
 from juicer.reporting.paper import PAPER_TABLE_VI
 from juicer.reporting.sources import Sources
 
@@ -28,6 +28,7 @@ def gather(
     facts: Mapping[str, str],
     findings: tuple[str, ...],
     videos: tuple[EpisodeVideo, ...] = (),
+    analyses: tuple[ShownAnalysis, ...] = (),
     configuration: Mapping[str, Any] | None = None,
     links: Mapping[str, str] | None = None,
 ) -> ReportData:
@@ -49,6 +50,7 @@ def gather(
         augmentations=tuple(sources.augmentations()),
         estimators=tuple(sources.estimators()),
         datasets=tuple(sources.datasets()),
+        analyses=analyses,
         videos=videos,
         models=tuple(sources.models()),
         lineage=tuple(sources.lineage(evaluations)),

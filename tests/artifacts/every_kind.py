@@ -26,6 +26,7 @@ from juicer.policy.network import build_policy
 from juicer.progress import NullMetricSink
 from juicer.reporting.content import ReportData
 from juicer.reporting.page import write_page
+from juicer.storage.analyses import ModesRow, write_modes
 from juicer.storage.annotations import Annotation, write_annotations
 from juicer.storage.columns import write_columns
 from juicer.storage.curves import CurveWriter
@@ -118,6 +119,10 @@ def write_measurement(folder: Path, scratch: Path, episode: Episode) -> None:
     write_evaluation(folder, [EvaluationRow(0, 1, Outcome.SUCCESS, 1, STEPS, {"inserted": 3})])
 
 
+def write_modes_table(folder: Path, scratch: Path, episode: Episode) -> None:
+    write_modes(folder, [ModesRow(1, 10, 7, 0.4, 0.9, 1.0, 2.5)])
+
+
 def write_report(folder: Path, scratch: Path, episode: Episode) -> None:
     write_page(ReportData(title="Nothing yet", created=datetime(2026, 1, 1)), folder / "report.html")
     write_video(folder / "success.mp4", [np.full((48, 64, 3), shade, np.uint8) for shade in range(5)])
@@ -133,5 +138,6 @@ WRITERS: Mapping[str, Writer] = {
     "estimator": write_estimator,
     "checkpoint": write_checkpoint,
     "evaluation": write_measurement,
+    "analysis": write_modes_table,
     "report": write_report,
 }

@@ -24,6 +24,7 @@ from juicer.policy.config import PolicyConfig
 from juicer.policy.encoders.estimated.config import EstimatedConfig
 from juicer.policy.encoders.images.config import ImagesConfig
 from juicer.policy.pretrained.config import Weights
+from juicer.reporting.analyses import AnalysisRow
 from juicer.reporting.comparison import ReportRow
 from juicer.tasks import content
 from juicer.tasks.registry import TASK_NAMES, get_task
@@ -39,19 +40,23 @@ from stages.estimate import EstimateConfig, estimate
 from stages.evaluate import EvaluateConfig, evaluate
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
+from stages.modes import ModesConfig, modes
+from stages.monitor import MonitorConfig, monitor
 from stages.record import RecordConfig, record
 from stages.render import RenderConfig, render
 from stages.report import ReportConfig, report
 from stages.runtime.names import STAGES
 from stages.runtime.session import Session
+from stages.sampling import SamplingConfig, sampling
 from stages.select import SelectConfig, select
 from stages.train import TrainConfig, train
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("juicer", "stages", "flows")
 
-FROM_EVALUATION = {"evaluate", "report"}
-FROM_SELECTION = {"select", "mix", "retrain", *FROM_EVALUATION}
+ANALYSES = {"sampling", "monitor", "modes"}
+FROM_EVALUATION = {"evaluate", "modes", "report"}
+FROM_SELECTION = {"select", "mix", "retrain", *ANALYSES, *FROM_EVALUATION}
 FROM_TRAINING = {"train", "collect", *FROM_SELECTION}
 FROM_AUGMENTATION = {"augment", "dataset", *FROM_TRAINING}
 ESTIMATING = {"train on estimates", "evaluate estimates"}
@@ -193,6 +198,7 @@ CHANGES = (
         CODE,
         {*EVALUATIONS, *FROM_EVALUATION},
     ),
+    edit("how a failure monitor is judged", "juicer/analysis/monitoring.py", CODE, {"monitor", "report"}),
 )
 
 EYES = ImagesConfig(views={"wrist": View(camera="wrist")})
@@ -291,9 +297,24 @@ def loop(task: str) -> dict[str, Recipe]:
     )
     made["retrain"] = train(session, dataset=made["mix"], config=TrainConfig(seed=1))
     made["evaluate"] = evaluate(session, checkpoint=made["retrain"], config=EvaluateConfig(**start))
+    made["sampling"] = sampling(
+        session,
+        checkpoint=made["retrain"],
+        episodes=demonstrations,
+        annotations=made["annotate"],
+        config=SamplingConfig(task=task),
+    )
+    made["monitor"] = monitor(session, checkpoint=made["retrain"], config=MonitorConfig(**start))
+    made["modes"] = modes(
+        session, checkpoint=made["retrain"], evaluations=(made["evaluate"],), config=ModesConfig(task=task)
+    )
     rows = (ReportRow(condition="ta_ci", title="TA+CI", seed=0),)
+    shown = tuple(AnalysisRow(name=name, title="TA+CI", seed=0) for name in sorted(ANALYSES))
     made["report"] = report(
-        session, evaluations=(made["evaluate"],), config=ReportConfig(title="All", task=task, rows=rows)
+        session,
+        evaluations=(made["evaluate"],),
+        analyses=tuple(made[name] for name in sorted(ANALYSES)),
+        config=ReportConfig(title="All", task=task, rows=rows, analyses=shown),
     )
     return {name: session.recipe(ref) for name, ref in made.items()}
 

@@ -157,6 +157,16 @@ def test_damaged_checkpoint_is_repaired(data, first):
     finish(juicer(data, "evaluate", checkpoint, "-n", "1", "--seed-start", "9", "--inference-steps", "1"))
 
 
+def test_any_checkpoint_is_analysed_and_its_figure_written(data, first, tmp_path):
+    checkpoint, figure = first["models"][0]["checkpoint"], tmp_path / "samples.png"
+    settings = ("--set", "analyses.sampling.samples=20", "--set", "analyses.sampling.inference_steps=[1, 2]")
+    out, _ = finish(juicer(data, "analyse", "sampling", checkpoint, *settings, "--figure", str(figure)))
+    assert "20 samples of an action at step" in out
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    _, err = finish(juicer(data, "analyse", "sampling", checkpoint, *settings, "--figure", str(tmp_path)), status=1)
+    assert "the figure cannot be written" in err
+
+
 def worker_at_work(data, process):
     """The process, other than the run's own, that holds the lock of a training."""
     for _ in range(1200):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from juicer.errors import InvalidObservation
+from juicer.errors import ConfigError, InvalidObservation
 from juicer.policy.acting import INFERENCE_ROWS, TrainedPolicy
 from juicer.policy.config import HorizonConfig, PolicyConfig
 from juicer.policy.denoisers.mlp.config import MLPDenoiserConfig
@@ -126,3 +126,35 @@ def test_it_declares_what_its_encoders_see_and_is_shown_that_in_its_own_type(spe
     words = {**observe(1), "part_poses": np.full((1, 14), "0.1")}
     with pytest.raises(InvalidObservation, match="'part_poses' must be of type float32, got <U3"):
         policy.predict(words, streams([0]))
+
+
+def with_samples(policy, number):
+    return TrainedPolicy(policy._network, "toy", samples=number)
+
+
+def test_acting_on_the_densest_sample_a_row_does_not_depend_on_what_stands_beside_it(spec, observe):
+    policy = with_samples(policy_of(spec, observe, HEADS["mlp-denoiser"]), 20)
+    observations, rows = observe(INFERENCE_ROWS + 3), [18, 0, 5]
+    together = policy.predict(observations, streams(range(INFERENCE_ROWS + 3)))
+    chosen = {name: values[rows] for name, values in observations.items()}
+    np.testing.assert_array_equal(policy.predict(chosen, streams(rows)), together[rows])
+
+
+def test_the_executed_chunk_is_one_of_the_samples_namely_the_densest(spec, observe):
+    policy, observations = policy_of(spec, observe, HEADS["mlp-denoiser"]), observe(1)
+    (chunks,) = policy.sample(observations, streams([4]), 300)
+    assert chunks.shape == (300, 32, 10)
+    (acted,) = with_samples(policy, 300).predict(observations, streams([4]))
+    matching = [np.array_equal(acted, chunk[:8].clip(-1, 1)) for chunk in chunks]
+    assert sum(matching) == 1
+
+
+def test_one_sample_is_what_is_predicted_otherwise(spec, observe):
+    policy, observations = policy_of(spec, observe, HEADS["mlp-denoiser"]), observe(1)
+    (chunks,) = policy.sample(observations, streams([4]), 1)
+    np.testing.assert_allclose(chunks[:, :8].clip(-1, 1), policy.predict(observations, streams([4])), atol=1e-5)
+
+
+def test_there_is_nothing_to_choose_among_where_the_same_is_always_predicted(spec, observe):
+    with pytest.raises(ConfigError, match="a head of kind 'mlp' has no samples to choose among"):
+        with_samples(policy_of(spec, observe, HEADS["regression"]), 2)

@@ -1,0 +1,68 @@
+"""An analysis of any checkpoint in the store, and its figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from flows.analyses import analyse
+from flows.command.evaluate import only_task
+from flows.loop_config import LoopConfig
+from flows.running.context import open_run
+from flows.running.data_folder import open_store, prepare_folder
+from flows.running.device import check_device
+from flows.running.settings import read_settings
+from flows.terminal.output import say, say_json
+from flows.written import settled, take_written
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.config import parse_config
+from juicer.errors import ArtifactNotFound, ConfigError
+from juicer.reporting.analyses import shown_analysis
+from juicer.reporting.lineage import read_lineage
+from juicer.text import printable
+
+
+def analyse_checkpoint(
+    kind: str, text: str, task: str | None, overrides: Sequence[str], figure: Path | None, as_json: bool
+) -> None:
+    """``juicer analyse``."""
+    settings = read_settings()
+    check_device(settings)
+    prepare_folder(settings)
+    ref = open_store(settings).resolve(text, "checkpoint")
+    with open_run(settings, None) as run_context:
+        store = run_context.session.store
+        content = {"task": task or only_task(store, ref), "analyses": {kind: {"kind": kind}}}
+        written = settled(take_written(content, "analyse", overrides))
+        config = parse_config(written.values, LoopConfig, "analyse", written.place)
+        session = replace(run_context.session, label=ref.id)
+        found = analyse(session, config, ref, config.analyses[kind], lambda: _demonstrations(store, ref))
+    shown = shown_analysis(store, found, kind)
+    if figure is not None and shown.png:
+        _write(figure, shown.png)
+    if as_json:
+        say_json({"analysis": str(found), **store.manifest(found).summary})
+        return
+    say(f"{shown.sentence} {found}")
+    for row in (shown.columns, *shown.rows):
+        say("  " + "".join(f"{cell:14}" for cell in row))
+    if figure is not None:
+        say(f"the figure is in '{printable(figure)}'" if shown.png else "there is no figure, as nothing was found")
+
+
+def _demonstrations(store: ArtifactStore, checkpoint: ArtifactRef) -> ArtifactRef:
+    """Those that a checkpoint was trained on."""
+    for ref, manifest in read_lineage(store, [checkpoint]).items():
+        if manifest and manifest.recipe.stage == "ingest":
+            return ref
+    raise ArtifactNotFound(f"the demonstrations behind {checkpoint} are not in the store, and samples are drawn in one")
+
+
+def _write(path: Path, png: bytes) -> None:
+    try:
+        path.write_bytes(png)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "it has an impossible name"
+        raise ConfigError(f"the figure cannot be written to '{printable(path)}': {reason}") from None

@@ -1,0 +1,1 @@
+"""What else there is to know of a trained policy than its success rate."""
