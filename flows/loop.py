@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from flows.conditions import Condition
@@ -43,6 +43,7 @@ class ModelOutcome:
         seed: Its seed.
         checkpoint: The last one trained.
         evaluation: How it did.
+        shifted: How it did under each shift, by name; none under one that it cannot notice.
         finding: Why it learned from less than it should, as a sentence.
         observes: What it sees, and what it was taught with beside; empty if that is not known.
     """
@@ -54,6 +55,7 @@ class ModelOutcome:
     evaluation: ArtifactRef
     finding: str = ""
     observes: str = ""
+    shifted: Mapping[str, ArtifactRef | None] = field(default_factory=dict)
 
 
 _Selected = tuple[ArtifactRef, ArtifactRef]
@@ -99,10 +101,28 @@ def run_model(session: Session, config: RunConfig, name: str, seed: int) -> Mode
         checkpoint = _train(session, config, config.final_training(condition, seed), [data])
         findings = [*data.findings, *_findings(session, checkpoint)]
     evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluation)
+    shifted = _evaluate_shifted(session, config, condition, checkpoint)
     findings += _findings(session, evaluation)
     observes = _observes(session, evaluation)
     title = condition.title if observes in ("", STATE) else f"{condition.title} ({observes})"
-    return ModelOutcome(name, title, seed, checkpoint, evaluation, "; ".join(findings), observes)
+    return ModelOutcome(name, title, seed, checkpoint, evaluation, "; ".join(findings), observes, shifted)
+
+
+def _evaluate_shifted(
+    session: Session, config: LoopConfig, condition: Condition, checkpoint: ArtifactRef
+) -> dict[str, ArtifactRef | None]:
+    """How a model does under each shift that it can notice."""
+    sees_images = not condition.replay and bool(config.final_training(condition, seed=0).policy.views_seen)
+    return {
+        name: evaluate(
+            session.for_model(f"{session.label} under {name}", session.record),
+            checkpoint=checkpoint,
+            config=config.evaluation_under(shift),
+        )
+        if shift.can_be_noticed(sees_images=sees_images)
+        else None
+        for name, shift in config.shifts.items()
+    }
 
 
 def _train_jointly(

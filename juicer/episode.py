@@ -20,7 +20,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from juicer.errors import InvalidEpisode, StateMissing
+from juicer.errors import EvaluationOnly, InvalidEpisode, StateMissing
 
 PROPRIOCEPTION_SIZE = 16
 """End-effector position (3, m, robot base frame), rotation 6D (6), linear velocity (3, m/s),
@@ -224,6 +224,7 @@ class EpisodeRecord:
         operator: Who the operator was, as far as the log says.
         recorded_at: When, as the log says it.
         log: Name of the operator log it was ingested from.
+        shift: The shift it was made under, as JSON, see :mod:`juicer.shifts`; such an episode is for evaluation only.
         episode_id: Digest of the recording, 16 hexadecimal digits: the same wherever the episode is kept. Of a
             demonstration, it is that of the log, idle steps included. Given by :class:`Episode` if it is empty.
     """
@@ -242,6 +243,7 @@ class EpisodeRecord:
     operator: str | None = None
     recorded_at: str | None = None
     log: str | None = None
+    shift: str | None = None
     episode_id: str = ""
 
 
@@ -365,6 +367,20 @@ def require_state(schema: Schema, whose: str) -> None:
             f"{whose} holds no simulator state, so none of its steps can be restored: only what was recorded in "
             "juicer's own simulator can be replayed, searched for critical states or augmented"
         )
+
+
+def require_unshifted(records: Iterable[EpisodeRecord], whose: str) -> None:
+    """Refuse episodes under a shift, which nothing may be trained on.
+
+    Raises:
+        EvaluationOnly: Naming the first.
+    """
+    for record in records:
+        if record.shift:
+            raise EvaluationOnly(
+                f"{whose} holds episode {record.episode_id}, which was made under a shift ({record.shift}); such "
+                "episodes are for evaluation only, so leave it out"
+            )
 
 
 def _shown(shape: Iterable[int | None]) -> str:

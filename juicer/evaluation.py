@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from statistics import fmean
 
 import numpy as np
@@ -88,12 +88,14 @@ class ConditionResult:
         title: What people read instead, e.g. ``TA+CI``.
         models: One result a trained model.
         interval: 95 % interval of the average, over models and episodes.
+        shifted: The same models under each shift, by name; none under one that they cannot notice.
     """
 
     condition: str
     title: str
     models: tuple[ModelResult, ...]
     interval: Interval
+    shifted: Mapping[str, ConditionResult | None] = field(default_factory=dict)
 
     @property
     def average(self) -> float:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from juicer.artifacts.manifest import FINDING, HEADLINE, LABEL, OBSERVES, STATE
+from juicer.artifacts.manifest import FINDING, HEADLINE, LABEL, OBSERVES, SHIFT, STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.episode import Episode, Outcome
 from juicer.evaluation import milestone_counts, wilson_interval
 from juicer.policy_rollout import RolloutConfig, RolloutSection, roll_out
 from juicer.seed_ranges import Purpose, claim
+from juicer.shifts import Shift
 from juicer.sim.env import gl_name
 from juicer.storage.columns import DRAWN_BY
 from juicer.storage.episodes import write_episodes
@@ -34,7 +35,15 @@ class EvaluateSection(RolloutSection):
 
 
 class EvaluateConfig(RolloutConfig, EvaluateSection):
-    """How many episodes of a task, and from where they start."""
+    """How many episodes of a task, from where they start, and in what the scene differs from training."""
+
+    shift: Shift | None = Field(default=None, description="in what the scene differs from training; nothing if empty")
+
+    @model_validator(mode="after")
+    def _shift_is_possible(self) -> Self:
+        if self.shift:
+            self.shift.check(self.randomness)
+        return self
 
 
 @stage(
@@ -52,6 +61,7 @@ def evaluate(context: StageContext, *, checkpoint: ArtifactRef, config: Evaluate
         num_envs=context.machine.num_envs,
         num_workers=context.machine.workers,
         device=context.machine.device,
+        shift=config.shift,
         progress=context.progress,
     )
     rows: list[EvaluationRow] = []
@@ -61,6 +71,7 @@ def evaluate(context: StageContext, *, checkpoint: ArtifactRef, config: Evaluate
     write_evaluation(context.draft.path, rows)
     policy = context.store.manifest(checkpoint)
     context.draft.summary |= {OBSERVES: policy.observes} if policy.observes else {}
+    context.draft.summary |= {SHIFT: config.shift.phrase} if config.shift else {}
     context.draft.summary |= facts(rows, get_task(config.task).milestones)
     context.draft.summary |= _texts(context.draft.summary)
     if finding := _other_renderer(policy.summary.get(DRAWN_BY, [])):
@@ -68,11 +79,12 @@ def evaluate(context: StageContext, *, checkpoint: ArtifactRef, config: Evaluate
 
 
 def _texts(summary: Mapping[str, Any]) -> dict[str, str]:
-    """A rate is not told without its interval, nor without what the policy saw."""
+    """A rate is not told without its interval, nor without what the policy saw, and under which shift."""
     rate, low, high = (summary[name] for name in ("success_rate", "interval_low", "interval_high"))
     found = f"{rate:.0%} of {summary['episodes']} episodes"
     observes = summary.get(OBSERVES, STATE)
     seen = "" if observes == STATE else f", from {observes}"
+    seen += f", {summary[SHIFT]}" if SHIFT in summary else ""
     return {HEADLINE: f"success {found} ({low:.0%} to {high:.0%}){seen}", LABEL: f"{found}{seen}"}
 
 

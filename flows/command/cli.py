@@ -241,12 +241,21 @@ def evaluate(
         int | None,
         typer.Option("--inference-steps", min=1, help="Steps that sample an action chunk, if not the policy's own."),
     ] = None,
+    shift: Annotated[
+        str | None,
+        typer.Option(
+            "--shift",
+            metavar="KIND",
+            help="In what the scenes differ from training: outside, push, friction, light or camera; or that with "
+            "settings, e.g. '{kind: push, force_n: 5}'.",
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure the success rate of a checkpoint."""
     from flows.command.evaluate import evaluate_checkpoint
 
-    evaluate_checkpoint(checkpoint, task, episodes, seed_start, randomness, inference_steps, as_json)
+    evaluate_checkpoint(checkpoint, task, episodes, seed_start, randomness, inference_steps, shift, as_json)
 
 
 @app.command()

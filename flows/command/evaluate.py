@@ -12,8 +12,10 @@ from flows.running.device import check_device
 from flows.running.repair import repair
 from flows.running.settings import read_settings
 from flows.terminal.output import say, say_json
+from juicer.artifacts.manifest import SHIFT
 from juicer.config import parse_config
 from juicer.errors import ConfigError, InvalidCheckpoint
+from juicer.shifts import parse_shift
 from juicer.tasks.registry import get_task
 
 if TYPE_CHECKING:
@@ -28,6 +30,7 @@ def evaluate_checkpoint(
     seed_start: int,
     randomness: str,
     inference_steps: int | None,
+    shift: str | None,
     as_json: bool,
 ) -> None:
     """``juicer evaluate``."""
@@ -46,6 +49,7 @@ def evaluate_checkpoint(
             "first": seed_start,
             "randomness": randomness,
             "inference_steps": inference_steps,
+            "shift": parse_shift(shift),
         }
         config = parse_config(content, EvaluateConfig, origin="evaluate")
         session = replace(run_context.session, label=ref.id)
@@ -56,8 +60,8 @@ def evaluate_checkpoint(
         return
     low, high = summary["interval_low"], summary["interval_high"]
     say(
-        f"{summary['success_rate']:.0%} of {summary['episodes']} episodes succeed "
-        f"(95 % interval {low:.0%} to {high:.0%}); {evaluation}"
+        f"{summary['success_rate']:.0%} of {summary['episodes']} episodes succeed"
+        f"{' ' + summary[SHIFT] if shift else ''} (95 % interval {low:.0%} to {high:.0%}); {evaluation}"
     )
     for name in get_task(task).milestones:
         say(f"  {name.replace('_', ' '):16} {summary['milestones'][name]}")
