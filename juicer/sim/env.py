@@ -24,11 +24,11 @@ from juicer.seeding import stream
 from juicer.shifts import ShiftOfEpisode, parse_shift
 from juicer.sim.arguments import checked_count, checked_options, checked_seed, shown
 from juicer.sim.controller import MAX_ACTION, EndEffectorController, grip_command, validate_action
-from juicer.sim.disturbance import marked, push, shifted, unmarked
 from juicer.sim.initial_states import initial_part_poses
 from juicer.sim.milestones import BaseProgress, PairProgress
 from juicer.sim.panda import GRIP_FORCE_N, NUM_ARM_JOINTS, RESET_JOINTS_RAD
 from juicer.sim.scene import TIMESTEP_S, build_spec
+from juicer.sim.shifting import marked, push, shift_model, unmarked
 from juicer.sim.state import AWAKE_COUNTS, DIVERGED_SPEED, SimulatorState
 from juicer.sim.views import SceneViews
 from juicer.tasks.registry import get_task
@@ -134,7 +134,7 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.max_steps = self.task.max_steps if max_steps is None else checked_count("max_steps", max_steps)
         self.metadata = copy.deepcopy(self.metadata)
         self.data = mujoco.MjData(copy.copy(_compiled_model(task)))
-        self.shift = shifted(self.data.model, parse_shift(shift), self.randomness)
+        self.shift = shift_model(self.data.model, parse_shift(shift), self.randomness)
         self._controller = EndEffectorController()
         self._milestones = self.task.milestones
         self._progress = np.zeros(1 + len(self.task.pairs) + len(self._milestones))

@@ -19,7 +19,7 @@ AWAKE_COUNTS = ("ntree_awake", "nbody_awake", "nparent_awake", "nv_awake")
 """Lengths of the lists that MuJoCo derives from the sleep counters."""
 
 SHIFT_MARKS = 2
-"""Numbers that follow in a state of an environment under a shift, see :mod:`juicer.sim.disturbance`."""
+"""Numbers that follow in a state of an environment under a shift, see :mod:`juicer.sim.shifting`."""
 
 _INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 # A tree that has just been touched stays awake for so many steps.

@@ -21,7 +21,7 @@ from juicer.sim.state import SHIFT_MARKS
 from juicer.tasks.specification import AssemblyTask, Randomness
 
 
-def shifted(model: mujoco.MjModel, shift: Shift | None, randomness: Randomness) -> ShiftOfEpisode | None:
+def shift_model(model: mujoco.MjModel, shift: Shift | None, randomness: Randomness) -> ShiftOfEpisode | None:
     """Change in a model what a shift changes for good, how things rub; the shift before the first episode.
 
     Raises:
