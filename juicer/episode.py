@@ -20,7 +20,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from juicer.errors import EvaluationOnly, InvalidEpisode, StateMissing
+from juicer.errors import InvalidEpisode, StateMissing
 
 PROPRIOCEPTION_SIZE = 16
 """End-effector position (3, m, robot base frame), rotation 6D (6), linear velocity (3, m/s),
@@ -367,20 +367,6 @@ def require_state(schema: Schema, whose: str) -> None:
             f"{whose} holds no simulator state, so none of its steps can be restored: only what was recorded in "
             "juicer's own simulator can be replayed, searched for critical states or augmented"
         )
-
-
-def require_unshifted(records: Iterable[EpisodeRecord], whose: str) -> None:
-    """Refuse episodes under a shift, which nothing may be trained on.
-
-    Raises:
-        EvaluationOnly: Naming the first.
-    """
-    for record in records:
-        if record.shift:
-            raise EvaluationOnly(
-                f"{whose} holds episode {record.episode_id}, which was made under a shift ({record.shift}); such "
-                "episodes are for evaluation only, so leave it out"
-            )
 
 
 def _shown(shape: Iterable[int | None]) -> str:

@@ -134,11 +134,9 @@ def rollout(
         PolicyFailed: If the policy raises anything, or has no horizons.
     """
     _check(policy, num_envs)
-    observer = Observer(_declared(policy))
-    shift = _noticed(parse_shift(shift), observer)
+    observer = _observer(policy, parse_shift(shift))
     total = len(seeds) if isinstance(seeds, Sequence) else 0
-    count = min(num_envs, total or num_envs)
-    envs = [AssemblyEnv(task, randomness, max_steps=max_steps, shift=shift) for _ in range(count)]
+    envs = [AssemblyEnv(task, randomness, None, max_steps, shift) for _ in range(min(num_envs, total or num_envs))]
     steps = EpisodeSteps(total, len(envs), envs[0].max_steps if envs else 0, stop_after_successes)
     pool = ThreadPoolExecutor(num_workers or min(len(envs), os.cpu_count() or 1))
     done = successes = 0
@@ -155,9 +153,13 @@ def rollout(
             if stop_after_successes is not None and successes >= stop_after_successes:
                 return
     finally:
-        pool.shutdown()
-        for env in envs:
-            env.close()
+        _close(pool, envs)
+
+
+def _close(pool: ThreadPoolExecutor, envs: Iterable[AssemblyEnv]) -> None:
+    pool.shutdown()
+    for env in envs:
+        env.close()
 
 
 class _RunningEpisode:
@@ -261,13 +263,15 @@ def _check(policy: Policy, num_envs: int) -> None:
             raise PolicyFailed(f"a policy's {name} must be a whole number of at least 1, got {shown(horizon)}")
 
 
-def _noticed(shift: Shift | None, observer: Observer) -> Shift | None:
+def _observer(policy: Policy, shift: Shift | None) -> Observer:
+    """Who sees for a policy; it must be able to notice the shift."""
+    observer = Observer(_declared(policy))
     if shift and not shift.can_be_noticed(sees_images=observer.sees_images):
         raise ConfigError(
             f"the policy sees no images, so it cannot notice a shift of kind '{shift.kind}', which changes nothing "
             "else; evaluate it without that shift"
         )
-    return shift
+    return observer
 
 
 def _declared(policy: Policy) -> Sequence[ArraySpec]:

@@ -6,6 +6,7 @@ They are for evaluation alone. An episode under a shift says so in its record an
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -13,7 +14,8 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from juicer.config import StrictConfig, canonical_json
-from juicer.errors import ConfigError
+from juicer.episode import EpisodeRecord
+from juicer.errors import ConfigError, EvaluationOnly
 from juicer.problems import first_problem, show
 from juicer.seeding import stream
 from juicer.tasks.specification import Randomness
@@ -162,6 +164,20 @@ def parse_shift(given: object) -> Shift | None:
         return _Holder.model_validate(content).shift
     except ValidationError as error:
         raise ConfigError(first_problem(error, content, _Holder).sentence) from None
+
+
+def require_unshifted(records: Iterable[EpisodeRecord], whose: str) -> None:
+    """Refuse episodes under a shift, which nothing may be trained on.
+
+    Raises:
+        EvaluationOnly: Naming the first.
+    """
+    for record in records:
+        if record.shift:
+            raise EvaluationOnly(
+                f"{whose} holds episode {record.episode_id}, which was made under a shift ({record.shift}); such "
+                "episodes are for evaluation only, so leave it out"
+            )
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ import numpy as np
 from juicer.artifacts.manifest import OBSERVES, STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
-from juicer.episode import require_unshifted
 from juicer.policy.replay import ReplayPolicy
+from juicer.shifts import require_unshifted
 from juicer.storage.episodes import EpisodeReader
 from juicer.tasks.registry import get_task
 from stages.runtime.context import StageContext

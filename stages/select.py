@@ -10,7 +10,8 @@ from pydantic import Field
 from juicer.artifacts.manifest import FINDING
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
-from juicer.episode import Outcome, require_unshifted
+from juicer.episode import Outcome
+from juicer.shifts import require_unshifted
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.selections import SelectionRow, write_selection
 from stages.runtime.context import StageContext

@@ -10,8 +10,9 @@ from typing import Annotated
 from pydantic import Field
 
 from juicer.config import StrictConfig
-from juicer.episode import EpisodeRecord, Source, require_unshifted
+from juicer.episode import EpisodeRecord, Source
 from juicer.errors import ArtifactError, NothingLeft
+from juicer.shifts import require_unshifted
 from juicer.storage.dataset import DatasetRow
 from juicer.tasks.task_name import TaskName
 
