@@ -104,7 +104,7 @@ def _told(result: ConditionResult | None) -> str:
     if result is None:
         return "sees no images"
     low, high = result.interval
-    return f"{result.average:.0%} ({low:.0%} to {high:.0%})"
+    return f"{result.average:.0%} ({100 * low:.0f} to {high:.0%})"
 
 
 def markdown_table(results: Sequence[ConditionResult]) -> str:

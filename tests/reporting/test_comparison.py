@@ -23,8 +23,8 @@ def test_rates_under_shifts_stand_beside_the_usual_ones():
     results = [row("bc", "1110", "1000"), row("ta", "1111", "1110")]
     columns, rows = robustness_table(results)
     assert columns == ["condition", "no shift", "push", "light"]
-    assert rows[0] == ["BC", "75% (20% to 80%)", "25% (10% to 60%)", "sees no images"]
-    assert markdown_table(results).splitlines()[-1].startswith("| TA | 100% (20% to 80%) | 75% (10% to 60%) |")
+    assert rows[0] == ["BC", "75% (20 to 80%)", "25% (10 to 60%)", "sees no images"]
+    assert markdown_table(results).splitlines()[-1].startswith("| TA | 100% (20 to 80%) | 75% (10 to 60%) |")
     (pair,) = comparisons_under_shifts(results)["push"]
     assert (pair.first, pair.second, pair.first_only, pair.second_only) == ("BC", "TA", 0, 2)
 
