@@ -101,7 +101,7 @@ class Friction(_Shift):
     phrase: ClassVar[str] = "with other friction"
 
     kind: Literal["friction"] = "friction"
-    factor: float = Field(default=0.5, ge=0.05, le=10, description="on every coefficient of friction")
+    factor: float = Field(default=0.3, ge=0.05, le=10, description="on every coefficient of friction")
 
 
 class Light(_Shift):
