@@ -26,6 +26,7 @@ from stages.collect import collect
 from stages.dataset import dataset
 from stages.encode import EncodeConfig, encode
 from stages.estimate import EstimateConfig, estimate
+from stages.evaluate import evaluate
 from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
 from stages.record import record
@@ -45,6 +46,7 @@ class ModelOutcome:
         seed: Its seed.
         checkpoint: The last one trained.
         evaluation: How it did.
+        shifted: How it did under each shift, by name; none under one that it cannot notice.
         finding: Why it learned from less than it should, as a sentence.
         observes: What it sees, and what it was taught with beside; empty if that is not known.
         analyses: What else was found out about it, by the names in the configuration.
@@ -58,6 +60,7 @@ class ModelOutcome:
     finding: str = ""
     observes: str = ""
     analyses: Mapping[str, ArtifactRef] = field(default_factory=dict)
+    shifted: Mapping[str, ArtifactRef | None] = field(default_factory=dict)
 
 
 _Selected = tuple[ArtifactRef, ArtifactRef]
@@ -106,8 +109,17 @@ def run_model(session: Session, config: RunConfig, name: str, seed: int) -> Mode
     findings += _findings(session, evaluation)
     observes = _observes(session, evaluation)
     title = condition.title if observes in ("", STATE) else f"{condition.title} ({observes})"
-    analyses = _analyses(session, config, name, seed, checkpoint)
-    return ModelOutcome(name, title, seed, checkpoint, evaluation, "; ".join(findings), observes, analyses)
+    return ModelOutcome(
+        condition=name,
+        title=title,
+        seed=seed,
+        checkpoint=checkpoint,
+        evaluation=evaluation,
+        finding="; ".join(findings),
+        observes=observes,
+        analyses=_analyses(session, config, name, seed, checkpoint),
+        shifted=_evaluate_shifted(session, config, condition, checkpoint),
+    )
 
 
 def _analyses(
@@ -122,6 +134,23 @@ def _analyses(
         key: analyse(session, config, checkpoint, analysis, get)
         for key, analysis in config.analyses.items()
         if analysis.concerns(name, is_first_seed=seed == config.seeds[0])
+    }
+
+
+def _evaluate_shifted(
+    session: Session, config: LoopConfig, condition: Condition, checkpoint: ArtifactRef
+) -> dict[str, ArtifactRef | None]:
+    """How a model does under each shift that it can notice."""
+    sees_images = not condition.replay and bool(config.final_training(condition, seed=0).policy.views_seen)
+    return {
+        name: evaluate(
+            session.for_model(f"{session.label} under {name}", session.record),
+            checkpoint=checkpoint,
+            config=config.evaluation_under(shift),
+        )
+        if shift.can_be_noticed(sees_images=sees_images)
+        else None
+        for name, shift in config.shifts.items()
     }
 
 

@@ -18,6 +18,7 @@ from juicer.annotation.propose import AnnotationConfig
 from juicer.config import ConfigT, StrictConfig
 from juicer.demonstration.ingestion import IngestionConfig, IngestionSection
 from juicer.seed_ranges import SEED_RANGES, Purpose
+from juicer.shifts import Shift
 from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import Randomness
 from juicer.tasks.task_name import TaskName
@@ -60,6 +61,7 @@ class LoopConfig(StrictConfig):
         select: Which of them are kept.
         evaluate: The final measurement.
         analyses: By name, what is to be known of the models beside their success rates.
+        shifts: By name, in what else the scene differs from training when every model is measured once more.
         mix: By task, the loops whose data a model for several tasks is trained on.
     """
 
@@ -83,6 +85,7 @@ class LoopConfig(StrictConfig):
     select: SelectConfig = SelectConfig()
     evaluate: StoppableSection = StoppableSection()
     analyses: dict[Name, AnyAnalysis] = Field(default={}, max_length=MOST_DEFINITIONS)
+    shifts: dict[Name, Shift] = Field(default={}, max_length=MOST_DEFINITIONS)
     mix: dict[TaskName, LoopConfig] = Field(default={}, max_length=len(TASK_NAMES))
 
     @model_validator(mode="before")
@@ -120,6 +123,12 @@ class LoopConfig(StrictConfig):
                 raise ValueError(f"mix.{task} must be the loop of {task} alone")
         return self
 
+    @model_validator(mode="after")
+    def _shifts_are_possible(self) -> Self:
+        for shift in self.shifts.values():
+            shift.check(self.evaluation.randomness)
+        return self
+
     @property
     def recording(self) -> RecordConfig:
         """What the scripted operator records."""
@@ -134,6 +143,10 @@ class LoopConfig(StrictConfig):
     def evaluation(self) -> EvaluateConfig:
         """The final measurement."""
         return self._of_stage(self.evaluate, EvaluateConfig)
+
+    def evaluation_under(self, shift: Shift) -> EvaluateConfig:
+        """The same measurement, from the same initial-state seeds, under a shift."""
+        return self._of_stage(self.evaluate, EvaluateConfig, shift=shift)
 
     def _of_stage(self, section: StrictConfig, model: type[ConfigT], **changes: Any) -> ConfigT:
         """A stage's configuration: what its section says, and the scene that all of them share."""

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from juicer.errors import ArtifactError, ArtifactNotFound, ConfigError, did_you_mean
+from juicer.errors import ArtifactNotFound, ConfigError, did_you_mean
 from juicer.library.measured import Evaluation
 from juicer.text import printable
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from juicer.rollout import Policy, Reaction
     from juicer.sim.env import AssemblyEnv
 
-_SETTINGS = ("randomness", "render_mode", "max_steps")
+_SETTINGS = ("randomness", "render_mode", "max_steps", "shift")
 
 
 def open_store(place: str | Path = "data") -> ArtifactStore:
@@ -162,18 +162,7 @@ def load_evaluation(store: ArtifactStore, name: str) -> Evaluation:
     Raises:
         ArtifactError: See :func:`load_episodes`.
     """
-    from juicer.sim.arguments import is_whole
-    from juicer.storage.evaluations import read_evaluation
-
-    ref = find(store, name, "evaluation")
-    rows = tuple(read_evaluation(store.open(ref)))
-    config = store.manifest(ref).recipe.config
-    if not rows or not {"task", "randomness"} <= set(config):
-        raise ArtifactError(f"{ref} does not say which task was evaluated; another version of juicer wrote it")
-    limit = config.get("max_steps")
-    steps = int(limit) if is_whole(limit) else None
-    anytime = config.get("anytime") is True
-    return Evaluation(name, str(config["task"]), str(config["randomness"]), steps, rows, anytime)
+    return Evaluation.load(store, find(store, name, "evaluation"), name)
 
 
 def load_curves(store: ArtifactStore, name: str) -> pd.DataFrame:
@@ -282,6 +271,7 @@ def rollout(
     num_envs: int = 8,
     max_steps: int | None = None,
     root_seed: int = 0,
+    shift: object = None,
 ) -> Iterator[Episode]:
     """Let a policy act from initial states of one's choice; see :func:`juicer.rollout.rollout`.
 
@@ -295,6 +285,8 @@ def rollout(
         num_envs: Environments that run side by side; they shape no result.
         max_steps: Steps after which an episode ends; the task's own limit if None.
         root_seed: Root of the policy's noise.
+        shift: In what the scenes differ from training: one of :mod:`juicer.shifts`, as ``"push"`` for its defaults or
+            ``{"kind": "push", "force_n": 20.0}``.
 
     Raises:
         InvalidAction: If the policy's actions have a wrong shape, are not finite, or are out of range.
@@ -307,7 +299,9 @@ def rollout(
     acting, noise = as_policy(policy), checked_count("root_seed", root_seed, 0)
     if not isinstance(seeds, Iterable):
         raise ConfigError(f"seeds must be a sequence of initial-state seeds, such as [0, 1], got {shown(seeds)}")
-    return rollout(acting, task, randomness, seeds, num_envs=num_envs, max_steps=max_steps, root_seed=noise)
+    return rollout(
+        acting, task, randomness, seeds, num_envs=num_envs, max_steps=max_steps, root_seed=noise, shift=shift
+    )
 
 
 def evaluate(
@@ -320,6 +314,7 @@ def evaluate(
     num_envs: int = 8,
     max_steps: int | None = None,
     root_seed: int = 0,
+    shift: object = None,
 ) -> Evaluation:
     """Success rate of a policy on the initial states on which ``juicer evaluate`` measures, and nothing else is done.
 
@@ -329,15 +324,23 @@ def evaluate(
     Raises:
         JuicerError: See :func:`rollout`.
     """
+    from juicer.shifts import parse_shift
     from juicer.storage.evaluations import EvaluationRow
 
-    seeds = initial_states(episodes, first)
+    seeds, shift = initial_states(episodes, first), parse_shift(shift)
     runs = rollout(
-        policy, task, seeds, randomness=randomness, num_envs=num_envs, max_steps=max_steps, root_seed=root_seed
+        policy,
+        task,
+        seeds,
+        randomness=randomness,
+        num_envs=num_envs,
+        max_steps=max_steps,
+        root_seed=root_seed,
+        shift=shift,
     )
     rows = tuple(EvaluationRow.of(index, run) for index, run in enumerate(runs))
     name = getattr(policy, "__name__", type(policy).__name__)
-    return Evaluation(name, task, str(randomness), max_steps, rows)
+    return Evaluation(name, task, str(randomness), max_steps, rows, shift=shift)
 
 
 def compare(first: Evaluation, second: Evaluation) -> PairedComparison:

@@ -224,6 +224,7 @@ class EpisodeRecord:
         operator: Who the operator was, as far as the log says.
         recorded_at: When, as the log says it.
         log: Name of the operator log it was ingested from.
+        shift: The shift it was made under, as JSON, see :mod:`juicer.shifts`; such an episode is for evaluation only.
         episode_id: Digest of the recording, 16 hexadecimal digits: the same wherever the episode is kept. Of a
             demonstration, it is that of the log, idle steps included. Given by :class:`Episode` if it is empty.
     """
@@ -242,6 +243,7 @@ class EpisodeRecord:
     operator: str | None = None
     recorded_at: str | None = None
     log: str | None = None
+    shift: str | None = None
     episode_id: str = ""
 
 

@@ -54,6 +54,10 @@ class InvalidEpisode(JuicerError, ValueError):
     """The arrays of an episode contradict each other."""
 
 
+class EvaluationOnly(JuicerError):
+    """Something is to be learned from an episode that is for evaluation only."""
+
+
 class StateMissing(JuicerError):
     """Something needs an episode's simulator states, and the episode has none."""
 

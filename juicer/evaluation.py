@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from statistics import fmean
 
 import numpy as np
@@ -131,6 +131,7 @@ class ConditionResult:
         interval: 95 % interval of the average, over models and episodes.
         anytime: Whether its evaluation ended when something was settled, so that only what holds at any time may be
             said of it.
+        shifted: The same models under each shift, by name; none under one that they cannot notice.
     """
 
     condition: str
@@ -138,6 +139,7 @@ class ConditionResult:
     models: tuple[ModelResult, ...]
     interval: Interval
     anytime: bool = False
+    shifted: Mapping[str, ConditionResult | None] = field(default_factory=dict)
 
     @property
     def average(self) -> float:

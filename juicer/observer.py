@@ -69,6 +69,11 @@ class Observer:
                     f"{names}, the last two as images, see juicer.api.image"
                 )
 
+    @property
+    def sees_images(self) -> bool:
+        """Whether images are among it."""
+        return bool(self._views)
+
     def see(self, env: AssemblyEnv) -> Observations:
         """Observations of an environment's present state.
 

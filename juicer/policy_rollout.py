@@ -11,6 +11,7 @@ from juicer.config import Seed, StrictConfig
 from juicer.episode import Episode
 from juicer.progress import Progress, silent_progress
 from juicer.rollout import rollout
+from juicer.shifts import Shift
 from juicer.tasks.specification import Randomness
 from juicer.tasks.task_name import TaskName
 
@@ -61,6 +62,7 @@ def roll_out(
     num_workers: int | None = None,
     device: str = "cpu",
     stop_after_successes: int | None = None,
+    shift: Shift | None = None,
     progress: Progress = silent_progress,
 ) -> Iterator[Episode]:
     """Episodes of a checkpoint's policy; see :func:`juicer.rollout.rollout`.
@@ -74,11 +76,13 @@ def roll_out(
         num_workers: Threads that step them.
         device: Torch device that computes the actions.
         stop_after_successes: Yield nothing after this many successes.
+        shift: In what the scenes differ from training; nothing if None.
         progress: Called after every episode.
 
     Raises:
         InvalidCheckpoint: If the checkpoint is damaged, or not of the task.
-        ConfigError: If there is no such device, or the policy cannot sample in so many steps.
+        ConfigError: If there is no such device, the policy cannot sample in so many steps, or it cannot notice the
+            shift.
     """
     from juicer.policy.checkpoint import load_policy  # torch takes seconds to import
 
@@ -93,5 +97,6 @@ def roll_out(
         root_seed=config.seed,
         stop_after_successes=stop_after_successes,
         num_workers=num_workers,
+        shift=shift,
         progress=progress,
     )

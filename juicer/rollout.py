@@ -13,11 +13,13 @@ from typing import Any, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from juicer.config import canonical_json
 from juicer.episode import ACTION_SIZE, ArraySpec, Episode, EpisodeRecord, Outcome, Source
 from juicer.errors import ConfigError, InvalidAction, JuicerError, PolicyFailed
 from juicer.observer import STATE_OBSERVATIONS, History, Observer
 from juicer.progress import EpisodeSteps, Progress, silent_progress
 from juicer.seeding import stream
+from juicer.shifts import Shift, parse_shift
 from juicer.sim.arguments import checked_seed, is_whole, shown
 from juicer.sim.controller import real_numbers
 from juicer.sim.env import AssemblyEnv
@@ -104,6 +106,7 @@ def rollout(
     root_seed: int = 0,
     stop_after_successes: int | None = None,
     num_workers: int | None = None,
+    shift: object = None,
     progress: Progress = silent_progress,
 ) -> Iterator[Episode]:
     """Run one episode for every initial-state seed and yield them in the order of the seeds.
@@ -122,17 +125,18 @@ def rollout(
         root_seed: Root of the policy's noise, one stream an episode.
         stop_after_successes: Yield nothing after this many successes in the order of the seeds, whatever ran ahead.
         num_workers: Threads that step environments; as many as there are processors if None.
+        shift: In what the scenes differ from training, see :class:`juicer.sim.env.AssemblyEnv`; nothing if None.
         progress: Called every turn; its total is 0 while the number of seeds is not known.
 
     Raises:
-        ConfigError: If ``num_envs`` is not positive.
+        ConfigError: If ``num_envs`` is not positive, or there is no such shift or the policy cannot notice it.
         InvalidAction: If the policy returns chunks of a wrong shape, or an action the environment refuses.
         PolicyFailed: If the policy raises anything, or has no horizons.
     """
     _check(policy, num_envs)
-    observer = Observer(_declared(policy))
+    observer = _observer(policy, parse_shift(shift))
     total = len(seeds) if isinstance(seeds, Sequence) else 0
-    envs = [AssemblyEnv(task, randomness, max_steps=max_steps) for _ in range(min(num_envs, total or num_envs))]
+    envs = [AssemblyEnv(task, randomness, None, max_steps, shift) for _ in range(min(num_envs, total or num_envs))]
     steps = EpisodeSteps(total, len(envs), envs[0].max_steps if envs else 0, stop_after_successes)
     pool = ThreadPoolExecutor(num_workers or min(len(envs), os.cpu_count() or 1))
     done = successes = 0
@@ -149,9 +153,13 @@ def rollout(
             if stop_after_successes is not None and successes >= stop_after_successes:
                 return
     finally:
-        pool.shutdown()
-        for env in envs:
-            env.close()
+        _close(pool, envs)
+
+
+def _close(pool: ThreadPoolExecutor, envs: Iterable[AssemblyEnv]) -> None:
+    pool.shutdown()
+    for env in envs:
+        env.close()
 
 
 class _RunningEpisode:
@@ -193,6 +201,7 @@ class _RunningEpisode:
             parts_assembled=int(info["parts_assembled"]),
             milestones=dict(info["milestones"]),
             policy=policy_id,
+            shift=canonical_json(self.env.shift.shift) if self.env.shift else None,
         )
         return self.recorder.episode(record)
 
@@ -252,6 +261,17 @@ def _check(policy: Policy, num_envs: int) -> None:
         horizon = getattr(policy, name, None)
         if not is_whole(horizon) or horizon < 1:
             raise PolicyFailed(f"a policy's {name} must be a whole number of at least 1, got {shown(horizon)}")
+
+
+def _observer(policy: Policy, shift: Shift | None) -> Observer:
+    """Who sees for a policy; it must be able to notice the shift."""
+    observer = Observer(_declared(policy))
+    if shift and not shift.can_be_noticed(sees_images=observer.sees_images):
+        raise ConfigError(
+            f"the policy sees no images, so it cannot notice a shift of kind '{shift.kind}', which changes nothing "
+            "else; evaluate it without that shift"
+        )
+    return observer
 
 
 def _declared(policy: Policy) -> Sequence[ArraySpec]:

@@ -6,17 +6,18 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from juicer.artifacts.manifest import FINDING, HEADLINE, LABEL, OBSERVES, STATE
+from juicer.artifacts.manifest import FINDING, HEADLINE, LABEL, OBSERVES, SHIFT, STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.episode import Episode, Outcome
 from juicer.errors import ConfigError
 from juicer.evaluation import anytime_interval, milestone_counts, wilson_interval
 from juicer.policy_rollout import RolloutConfig, RolloutSection, roll_out
 from juicer.seed_ranges import Purpose, claim
+from juicer.shifts import Shift
 from juicer.sim.env import gl_name
 from juicer.storage.columns import DRAWN_BY
 from juicer.storage.episodes import EpisodeReader, write_episodes
@@ -37,13 +38,20 @@ class EvaluateSection(RolloutSection):
 
 
 class EvaluateConfig(RolloutConfig, EvaluateSection):
-    """How many episodes of a task, and from where they start."""
+    """How many episodes of a task, from where they start, and in what the scene differs from training."""
 
+    shift: Shift | None = Field(default=None, description="in what the scene differs from training; nothing if empty")
     anytime: bool = Field(
         default=False,
         description="whether more episodes may follow, depending on what is found, so that its interval must hold "
         "however often one looks",
     )
+
+    @model_validator(mode="after")
+    def _shift_is_possible(self) -> Self:
+        if self.shift:
+            self.shift.check(self.randomness)
+        return self
 
 
 @stage(
@@ -67,6 +75,7 @@ def evaluate(
         num_envs=context.machine.num_envs,
         num_workers=context.machine.workers,
         device=context.machine.device,
+        shift=config.shift,
         progress=context.progress,
     )
     examples = context.draft.path / EXAMPLES
@@ -77,17 +86,20 @@ def evaluate(
     policy = context.store.manifest(checkpoint)
     context.draft.summary |= {OBSERVES: policy.observes} if policy.observes else {}
     context.draft.summary |= facts(rows, get_task(config.task).milestones, anytime=config.anytime)
+    context.draft.summary |= {SHIFT: config.shift.phrase} if config.shift else {}
+    context.draft.summary |= facts(rows, get_task(config.task).milestones)
     context.draft.summary |= _texts(context.draft.summary)
     if finding := _other_renderer(policy.summary.get(DRAWN_BY, [])):
         context.draft.summary[FINDING] = finding
 
 
 def _texts(summary: Mapping[str, Any]) -> dict[str, str]:
-    """A rate is not told without its interval, nor without what the policy saw."""
+    """A rate is not told without its interval, nor without what the policy saw, and under which shift."""
     rate, low, high = (summary[name] for name in ("success_rate", "interval_low", "interval_high"))
     found = f"{rate:.0%} of {summary['episodes']} episodes"
     observes = summary.get(OBSERVES, STATE)
     seen = "" if observes == STATE else f", from {observes}"
+    seen += f", {summary[SHIFT]}" if SHIFT in summary else ""
     return {HEADLINE: f"success {found} ({low:.0%} to {high:.0%}){seen}", LABEL: f"{found}{seen}"}
 
 

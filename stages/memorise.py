@@ -8,6 +8,7 @@ from juicer.artifacts.manifest import OBSERVES, STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.policy.replay import ReplayPolicy
+from juicer.shifts import require_unshifted
 from juicer.storage.episodes import EpisodeReader
 from juicer.tasks.registry import get_task
 from stages.runtime.context import StageContext
@@ -22,11 +23,11 @@ class MemoriseConfig(StrictConfig):
 def memorise(context: StageContext, *, episodes: ArtifactRef, config: MemoriseConfig) -> None:
     """Keep the demonstrations' actions as a policy that plays them open loop."""
     reader = EpisodeReader(context.store.open(episodes, "episodes"))
+    require_unshifted(reader.records, str(episodes))
     task = get_task(reader.records[0].task)
     starts = reader.episode_ends - reader.lengths
-    parts = sorted({part for pair in task.pairs for part in (pair.first, pair.second)})
     actions = np.split(reader.steps("action"), starts[1:])
-    policy = ReplayPolicy(reader.steps("part_poses")[starts], actions, parts, task.max_steps)
+    policy = ReplayPolicy(reader.steps("part_poses")[starts], actions, task.assembled_parts, task.max_steps)
     policy.save(context.draft.path, task.name)
     context.draft.summary |= {
         "tasks": [task.name],

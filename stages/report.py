@@ -137,7 +137,8 @@ def _examples(
 ) -> list[Example]:
     """A success of the best condition that has one, and a typical failure of it, or of the next that failed."""
     order = {row.condition: place for place, row in enumerate(sorted(results, key=lambda row: -row.average))}
-    ranked = sorted(zip(config.rows, evaluations, strict=True), key=lambda pair: order[pair[0].condition])
+    usual = [(row, ref) for row, ref in zip(config.rows, evaluations, strict=True) if not row.shift]
+    ranked = sorted(usual, key=lambda pair: order[pair[0].condition])
     found: dict[bool, Example] = {}
     for row, ref in ranked:
         for succeeded in (True, False):

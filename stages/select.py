@@ -11,6 +11,7 @@ from juicer.artifacts.manifest import FINDING
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.episode import Outcome
+from juicer.shifts import require_unshifted
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.selections import SelectionRow, write_selection
 from stages.runtime.context import StageContext
@@ -44,6 +45,7 @@ class SelectConfig(StrictConfig):
 def select(context: StageContext, *, episodes: ArtifactRef, config: SelectConfig) -> None:
     """Keep the successful rollouts that did not dawdle; the arrays stay where they are."""
     reader = EpisodeReader(context.store.open(episodes, "episodes"))
+    require_unshifted(reader.records, str(episodes))
     limit = _longest(reader, config)
     rows: list[SelectionRow] = []
     kept = steps = 0

@@ -254,6 +254,15 @@ def evaluate(
         int,
         typer.Option("--samples", min=1, help="Chunks drawn at each prediction; the one where they are densest acts."),
     ] = 1,
+    shift: Annotated[
+        str | None,
+        typer.Option(
+            "--shift",
+            metavar="KIND",
+            help="In what the scenes differ from training: outside, push, friction, light or camera; or that with "
+            "settings, e.g. '{kind: push, force_n: 5}'.",
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure the success rate of a checkpoint."""
@@ -266,6 +275,7 @@ def evaluate(
         "randomness": randomness,
         "inference_steps": inference_steps,
         "samples": samples,
+        "shift": shift,
     }
     evaluate_checkpoint(checkpoint, asked, until_width, as_json)
 

@@ -13,8 +13,10 @@ from flows.running.device import check_device
 from flows.running.repair import repair
 from flows.running.settings import read_settings
 from flows.terminal.output import say, say_json
+from juicer.artifacts.manifest import SHIFT
 from juicer.config import parse_config
 from juicer.errors import ConfigError, InvalidCheckpoint
+from juicer.shifts import parse_shift
 from juicer.tasks.registry import get_task
 
 if TYPE_CHECKING:
@@ -43,7 +45,8 @@ def evaluate_checkpoint(text: str, asked: Mapping[str, object], until_width: flo
     ref = open_store(settings).resolve(text, "checkpoint")
     with open_run(settings, None) as run_context:
         store = run_context.session.store
-        content = {**asked, "task": asked["task"] or only_task(store, ref)}
+        task = asked["task"] or only_task(store, ref)
+        content = {**asked, "task": task, "shift": parse_shift(asked["shift"])}
         config = parse_config(content, EvaluateConfig, origin="evaluate")
         session = replace(run_context.session, label=ref.id)
         evaluation = measure_alone(session, ref, config, stop)
@@ -53,8 +56,8 @@ def evaluate_checkpoint(text: str, asked: Mapping[str, object], until_width: flo
         return
     low, high = summary["interval_low"], summary["interval_high"]
     say(
-        f"{summary['success_rate']:.0%} of {summary['episodes']} episodes succeed "
-        f"(95 % interval {low:.0%} to {high:.0%}); {evaluation}"
+        f"{summary['success_rate']:.0%} of {summary['episodes']} episodes succeed"
+        f"{' ' + summary[SHIFT] if config.shift else ''} (95 % interval {low:.0%} to {high:.0%}); {evaluation}"
     )
     for name in get_task(config.task).milestones:
         say(f"  {name.replace('_', ' '):16} {summary['milestones'][name]}")

@@ -60,7 +60,7 @@ def kept_episode(store: ArtifactStore, ref: ArtifactRef, row: EvaluationRow) -> 
 def recomputed_episode(
     store: ArtifactStore, ref: ArtifactRef, row: EvaluationRow, device: str = "cpu"
 ) -> EvaluatedEpisode:
-    """The episode computed again with the same policy, initial state and noise, acting on a torch device.
+    """The episode computed again with the same policy, initial state, shift and noise, acting on a torch device.
 
     Raises:
         ArtifactError: If the checkpoint is not there, or damaged.
@@ -70,7 +70,7 @@ def recomputed_episode(
     checkpoint = _checkpoint_of(manifest)
     config = parse_config(manifest.recipe.config, EvaluateConfig, origin=f"the configuration of {ref}")
     folder = store.open(checkpoint, "checkpoint")
-    (episode,) = roll_out(folder, checkpoint.id, config, [row.seed], num_envs=1, device=device)
+    (episode,) = roll_out(folder, checkpoint.id, config, [row.seed], num_envs=1, device=device, shift=config.shift)
     differences = tuple(_differences(episode, row))
     causes = tuple(_causes(store, manifest, checkpoint, config)) if differences else ()
     return EvaluatedEpisode(episode, row, False, differences + causes)

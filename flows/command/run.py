@@ -219,6 +219,7 @@ def explain_stage(name: str, choice: Choice, as_json: bool) -> None:
 
 
 def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore) -> None:
+    from juicer.reporting.comparison import robustness_table
     from stages.report import PAGE
 
     rows = [
@@ -234,6 +235,10 @@ def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore) -
     ]
     title = f"{config.task}, {config.randomness.value} randomness: success rates"
     say_table(["condition", "average ", "95 % interval ", "best ", "models ", "episodes "], rows, title)
+    columns, under_shifts = robustness_table(outcome.results(store))
+    if columns:
+        say("")
+        say_table([columns[0], *(f"{column} " for column in columns[1:])], under_shifts, "under shifts")
     for finding in outcome.findings:
         say(finding)
     if outcome.report:

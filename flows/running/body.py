@@ -15,6 +15,7 @@ from flows.running.plan import plan, require_weights
 from flows.running.runner import opener
 from flows.running.settings import read_settings
 from juicer.artifacts.store import ArtifactStore
+from juicer.reporting.comparison import robustness_table
 from stages.report import VARIED
 from stages.runtime.prefect_display import attempt
 from stages.runtime.prefect_task import PrefectPerformer
@@ -53,6 +54,10 @@ def _show(outcome: RunOutcome, store: ArtifactStore) -> None:
         for row in outcome.results(store)
     ]
     create_table_artifact(table=rows, key="comparison", description="Success rates")
+    columns, cells = robustness_table(outcome.results(store))
+    if columns:
+        under_shifts = [dict(zip(columns, row, strict=True)) for row in cells]
+        create_table_artifact(table=under_shifts, key="robustness", description="Success rates under shifts")
     for figure in sorted(store.open(outcome.report).glob("*.png")) if outcome.report else ():
         address = f"data:image/png;base64,{base64.b64encode(figure.read_bytes()).decode()}"
         key = figure.stem.replace("_", "-").lower()

@@ -22,6 +22,7 @@ from juicer.errors import ArtifactNotFound
 from juicer.evaluation import ConditionResult
 from juicer.reporting.analyses import AnalysisRow
 from juicer.reporting.comparison import ReportRow, condition_results
+from juicer.shifts import Shift
 from stages.report import ReportConfig, report
 from stages.runtime.context import Record
 from stages.runtime.session import Session
@@ -63,6 +64,7 @@ class RunOutcome:
                     "seed": model.seed,
                     "checkpoint": str(model.checkpoint),
                     "evaluation": str(model.evaluation),
+                    "shifted": {name: ref and str(ref) for name, ref in model.shifted.items()},
                     "observes": model.observes or None,
                     "analyses": {name: str(ref) for name, ref in model.analyses.items()},
                     "finding": model.finding or None,
@@ -78,6 +80,10 @@ class RunOutcome:
                     "best": row.best,
                     "models": row.num_models,
                     "episodes": row.num_episodes,
+                    "shifted": {
+                        name: under and {"average": under.average, "interval": list(under.interval)}
+                        for name, under in row.shifted.items()
+                    },
                 }
                 for row in self.results(store)
             ],
@@ -188,10 +194,20 @@ def _wait(futures: Sequence[Future[ModelOutcome]], session: Session) -> None:
 
 
 def _rows(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tuple[ReportRow, ...]]:
-    return (
-        tuple(model.evaluation for model in models),
-        tuple(ReportRow(condition=model.condition, title=model.title, seed=model.seed) for model in models),
-    )
+    """Evaluations, and whose they are; behind each model's usual one, those under shifts."""
+    pairs = [
+        (ref, model_row.model_copy(update={"shift": shift}))
+        for model in models
+        for model_row in [_row(model)]
+        for shift, ref in {"": model.evaluation, **model.shifted}.items()
+        if ref
+    ]
+    return tuple(ref for ref, _ in pairs), tuple(row for _, row in pairs)
+
+
+def _row(model: ModelOutcome) -> ReportRow:
+    unnoticed = tuple(name for name, ref in model.shifted.items() if ref is None)
+    return ReportRow(condition=model.condition, title=model.title, seed=model.seed, unnoticed=unnoticed)
 
 
 def write_report(session: Session, config: RunConfig, outcome: RunOutcome) -> ArtifactRef:
@@ -227,7 +243,13 @@ def _facts(config: RunConfig, outcome: RunOutcome, store: ArtifactStore) -> Mapp
         "Evaluation episodes a model": f"at most {episodes}: {told(outcome.results(store), stop)}"
         if stop
         else episodes,
+        **({"Shifts": "; ".join(_told(*entry) for entry in config.shifts.items())} if config.shifts else {}),
     }
+
+
+def _told(name: str, shift: Shift) -> str:
+    settings = ", ".join(f"{key} {value}" for key, value in shift.model_dump(exclude={"kind"}).items())
+    return f"{name}: {shift.phrase} ({settings})"
 
 
 def _links() -> Mapping[str, str]:

@@ -64,7 +64,7 @@ def plan(store: ArtifactStore, config: RunConfig) -> list[PlannedCall]:
 
     session = Session(store, performer=perform)
     models = run_models(session, config, parallel=False)
-    if all(planned[model.evaluation.id].exists for model in models):
+    if all(entry.exists for entry in planned.values() if entry.stage == "evaluate"):
         write_report(session, config, RunOutcome(tuple(models), None))
     return list(planned.values())
 

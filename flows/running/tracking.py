@@ -28,6 +28,7 @@ _SHARED_PARAMS = (
     "collect",
     "select",
     "evaluate",
+    "shifts",
 )
 
 
@@ -51,7 +52,13 @@ class Tracking:
     def finish(self, outcome: ModelOutcome) -> None:
         """A model is done, whatever becomes of the others."""
         model = self._describe(outcome.condition, outcome.seed)
-        told = {"title": outcome.title, "finding": outcome.finding, "evaluation": str(outcome.evaluation)}
+        told = {
+            "title": outcome.title,
+            "finding": outcome.finding,
+            "evaluation": str(outcome.evaluation),
+            "shifted": {name: str(ref) for name, ref in outcome.shifted.items() if ref},
+            "unnoticed": tuple(name for name, ref in outcome.shifted.items() if ref is None),
+        }
         model = model.model_copy(update=told)
         self._finished.append(model)
         self._recorder.note(model)

@@ -29,6 +29,8 @@ FINDING = "finding"
 OBSERVES, STATE = "observes", "state"
 """Key of the summary of a checkpoint or an evaluation: what the policy sees, and what it was taught with beside; and
 its value where that is the poses of all parts."""
+SHIFT = "shift"
+"""Key of the summary of an evaluation under a shift: how it was done, as the end of a sentence."""
 HEADLINE, LABEL = "headline", "label"
 """Keys of a summary: what is worth saying of an artifact on one line; what it is, in two or three words."""
 

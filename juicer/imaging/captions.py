@@ -11,6 +11,7 @@ from PIL import ImageDraw, ImageFont
 
 from juicer.episode import Episode, EpisodeRecord, Outcome
 from juicer.imaging.video import Frame, Image, VideoFormat
+from juicer.shifts import parse_shift
 from juicer.sim.env import STEP_S
 from juicer.text import printable
 from juicer.views import GazeCrop, View
@@ -41,6 +42,8 @@ def describe(record: EpisodeRecord) -> list[str]:
         items.append(f"returns to critical state {record.critical_state}")
     if record.device:
         items.append(record.device)
+    if shift := parse_shift(record.shift):
+        items.append(shift.phrase)
     return items
 
 

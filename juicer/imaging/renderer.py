@@ -20,11 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from juicer.errors import ConfigError, RenderingUnavailable, did_you_mean
+from juicer.imaging.appearance import alter
 from juicer.imaging.cameras import Frustum
 from juicer.imaging.gl import gl_context_class, unavailable
 from juicer.imaging.look import Look
 from juicer.imaging.panda_mesh import has_panda_mesh
 from juicer.imaging.visual_model import visual_model
+from juicer.shifts import ShiftOfEpisode
 from juicer.sim.arguments import is_whole, shown
 from juicer.views import CAMERAS, MAX_HEIGHT, MAX_WIDTH, View
 
@@ -45,6 +47,7 @@ class _Drawing:
     width: int
     height: int
     supersampling: int = 1
+    shift: ShiftOfEpisode | None = None
     answer: Future[Image] = field(default_factory=Future)
 
 
@@ -137,13 +140,16 @@ class ViewRenderer:
         # Whoever forgets to close leaves nothing behind. At the end of the process the system frees everything.
         weakref.finalize(self, _WORKER.release_without_waiting, self._owner).atexit = False
 
-    def draw(self, qpos: Positions, view: View, end_effector: NDArray[np.float32]) -> Image:
+    def draw(
+        self, qpos: Positions, view: View, end_effector: NDArray[np.float32], shift: ShiftOfEpisode | None = None
+    ) -> Image:
         """The image ``(height, width, 3)`` of a view: plain, without smooth edges and shadows, and quickly drawn.
 
         Args:
             qpos: The simulator's joint positions ``(nq,)``.
             view: What is shown.
             end_effector: Position ``(3,)`` in the robot base frame, as in proprioception; a gaze crop is placed by it.
+            shift: By what an episode's light and cameras are changed; a gaze crop is placed as if they were not.
 
         Raises:
             ConfigError: If there is no such task, or the robot's mesh is asked for and not installed.
@@ -152,7 +158,7 @@ class ViewRenderer:
         """
         frustum = Frustum.of_view(view, end_effector)
         look = Look(view.robot)
-        return self._draw(look, qpos, view.camera, frustum, view.width, view.height, view.supersampling)
+        return self._draw(look, qpos, view.camera, frustum, view.width, view.height, view.supersampling, shift)
 
     def draw_for_people(self, qpos: Positions, camera: str, width: int, height: int) -> Image:
         """Undistorted image ``(height, width, 3)`` of a camera, as well as can be drawn here.
@@ -176,12 +182,21 @@ class ViewRenderer:
         return self._draw(look_for_people(), qpos, camera, Frustum.of_image(width, height), width, height)
 
     def _draw(
-        self, look: Look, qpos: Positions, camera: str, frustum: Frustum, width: int, height: int, samples: int = 1
+        self,
+        look: Look,
+        qpos: Positions,
+        camera: str,
+        frustum: Frustum,
+        width: int,
+        height: int,
+        samples: int = 1,
+        shift: ShiftOfEpisode | None = None,
     ) -> Image:
         _Process.check()
         # A copy: whoever asks may change the state before it is drawn by another thread.
         qpos = np.array(qpos, np.float64)
-        return _WORKER.draw(_Drawing(self._owner, self._task_name, look, qpos, camera, frustum, width, height, samples))
+        asked = _Drawing(self._owner, self._task_name, look, qpos, camera, frustum, width, height, samples, shift)
+        return _WORKER.draw(asked)
 
     def close(self) -> None:
         """Free what was made; a later image makes it again."""
@@ -259,6 +274,8 @@ class _Canvas:
         everything = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(model, data, self._options, None, self._camera, everything, scene)
         self._aim(drawing.frustum)
+        if drawing.shift:
+            alter(scene, drawing.shift, drawing.camera)
         # Every canvas has a buffer of its own in the one context.
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         width, height = drawing.width * drawing.supersampling, drawing.height * drawing.supersampling

@@ -81,7 +81,7 @@ def draw(episode: Episode, steps: Iterable[int], video_format: VideoFormat) -> I
         InvalidEpisode: If the states belong to another scene.
         StateMissing: If the episode has none.
     """
-    env = AssemblyEnv(episode.record.task, episode.record.randomness)
+    env = AssemblyEnv(episode.record.task, episode.record.randomness, shift=episode.record.shift)
     renderer = ViewRenderer(episode.record.task)
     is_restorable = False
     try:
@@ -98,7 +98,7 @@ def draw(episode: Episode, steps: Iterable[int], video_format: VideoFormat) -> I
             yield Frame(
                 step,
                 tuple(renderer.draw_for_people(qpos, camera, *size) for camera in video_format.cameras),
-                tuple(renderer.draw(qpos, view, end_effector) for view in video_format.views),
+                tuple(renderer.draw(qpos, view, end_effector, env.shift) for view in video_format.views),
             )
     finally:
         renderer.close()

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
-from juicer.errors import ConfigError
+from juicer.errors import ArtifactError, ConfigError
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from juicer.artifacts.ref import ArtifactRef
+    from juicer.artifacts.store import ArtifactStore
     from juicer.evaluation import PairedComparison
+    from juicer.shifts import Shift
     from juicer.storage.evaluations import EvaluationRow
 
 
@@ -27,6 +30,7 @@ class Evaluation:
         max_steps: Steps after which an episode ended; the task's own limit if None.
         rows: How each episode ended, in the order of the initial states.
         anytime: Whether their number depended on what was found, so that only what holds at any time may be said of it.
+        shift: In what the scenes differed from training; nothing if None.
     """
 
     name: str
@@ -35,6 +39,30 @@ class Evaluation:
     max_steps: int | None
     rows: tuple[EvaluationRow, ...]
     anytime: bool = False
+    shift: Shift | None = None
+
+    @classmethod
+    def load(cls, store: ArtifactStore, ref: ArtifactRef, name: str) -> Self:
+        """A stored one, under the name by which it was asked for.
+
+        Raises:
+            ArtifactError: If it is damaged, or another version of juicer wrote it.
+            ConfigError: If this version does not know its shift.
+        """
+        from juicer.shifts import parse_shift
+        from juicer.sim.arguments import is_whole
+        from juicer.storage.evaluations import read_evaluation
+
+        rows = tuple(read_evaluation(store.open(ref)))
+        config = store.manifest(ref).recipe.config
+        if not rows or not {"task", "randomness"} <= set(config):
+            raise ArtifactError(f"{ref} does not say which task was evaluated; another version of juicer wrote it")
+        limit = config.get("max_steps")
+        steps = int(limit) if is_whole(limit) else None
+        shift = parse_shift(config.get("shift"))
+        return cls(
+            name, str(config["task"]), str(config["randomness"]), steps, rows, config.get("anytime") is True, shift
+        )
 
     @property
     def successes(self) -> int:
@@ -70,6 +98,7 @@ class Evaluation:
         """The rate in a sentence, with all that belongs to it."""
         low, high = self.interval
         share = f"{self.successes} of {len(self.rows)} episodes of {self.task} ({self.randomness}) succeeded"
+        share += f" {self.shift.phrase}" if self.shift else ""
         return f"{share}: {self.rate:.1%} (95 % interval {low:.1%} to {high:.1%})"
 
 
@@ -77,7 +106,7 @@ def compare(first: Evaluation, second: Evaluation) -> PairedComparison:
     """Pair the episodes of two evaluations that start from the same initial state.
 
     Raises:
-        ConfigError: If one is not an evaluation, if they are not of the same task, randomness and length of an
+        ConfigError: If one is not an evaluation, if they are not of the same task, randomness, shift and length of an
             episode, or if they have no initial state in common.
     """
     from juicer.evaluation import PairedComparison, anytime_p_value, mcnemar_p_value
@@ -92,6 +121,8 @@ def compare(first: Evaluation, second: Evaluation) -> PairedComparison:
                 f"only evaluations of one {what} can be compared, got '{getattr(first, what)}' and "
                 f"'{getattr(second, what)}'"
             )
+    if first.shift != second.shift:
+        raise ConfigError("only evaluations under one and the same shift can be compared, and these are not")
     limits = {one.max_steps or get_task(one.task).max_steps for one in (first, second)}
     if len(limits) > 1:
         raise ConfigError(f"evaluations with max_steps of {min(limits)} and {max(limits)} cannot be compared")

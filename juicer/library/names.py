@@ -127,14 +127,14 @@ def _only(matches: Sequence[Model], text: str, kinds: Sequence[str]) -> Artifact
 
 
 def _models_of(store: ArtifactStore, report: Manifest) -> Iterator[Model]:
-    """Models of a report; in a shared store, anybody may have written it."""
+    """Models of a report, with their evaluations without a shift; in a shared store, anybody may have written it."""
     config, evaluations = report.recipe.config, report.recipe.inputs.get("evaluations", ())
     rows = config.get("rows")
     if not isinstance(rows, list) or len(rows) != len(evaluations):
         return
     study, task = str(config.get("title")), str(config.get("task"))
     for row, evaluation in zip(rows, evaluations, strict=True):
-        if _is_row(row):
+        if _is_row(row) and not row.get("shift"):
             checkpoint = _checkpoint(store, evaluation)
             yield Model(study, task, row["condition"], row["seed"], report.ref, evaluation, checkpoint)
 

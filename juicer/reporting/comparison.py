@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
@@ -20,11 +21,15 @@ class ReportRow(StrictConfig):
         condition: Name of the condition.
         title: What people read instead.
         seed: Seed of the model.
+        shift: Name of the shift that it is under, if it is.
+        unnoticed: Names of the shifts that the model cannot notice.
     """
 
     condition: str
     title: str
     seed: int
+    shift: str = ""
+    unnoticed: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -35,12 +40,12 @@ class ReportRow(StrictConfig):
 def condition_results(
     store: ArtifactStore, evaluations: Sequence[ArtifactRef], rows: Sequence[ReportRow]
 ) -> list[ConditionResult]:
-    """Rows of the comparison, in the order in which the conditions first occur.
+    """Rows of the comparison, in the order in which the conditions first occur; each knows its results under shifts.
 
     Raises:
         ArtifactError: If an evaluation is missing, damaged or without an episode.
     """
-    models: dict[str, list[ModelResult]] = {}
+    models: dict[str, dict[str, list[ModelResult]]] = {}
     stopped = set()
     for ref, row in zip(evaluations, rows, strict=True):
         table = read_evaluation(store.open(ref, "evaluation"))
@@ -51,14 +56,20 @@ def condition_results(
             initial_states=tuple(entry.seed for entry in table),
             successes=tuple(entry.outcome is Outcome.SUCCESS for entry in table),
         )
-        models.setdefault(row.condition, []).append(result)
+        models.setdefault(row.condition, {}).setdefault(row.shift, []).append(result)
         if store.recipe(ref).config.get("anytime") is True:
-            stopped.add(row.condition)
+            stopped.add((row.condition, row.shift))
     titles = {row.condition: row.title for row in rows}
-    return [
-        summarise(condition, results, titles[condition], anytime=condition in stopped)
-        for condition, results in models.items()
-    ]
+    unnoticed = {row.condition: dict.fromkeys(row.unnoticed) for row in rows}
+    results = []
+    for condition, by_shift in models.items():
+        found = {
+            shift: summarise(condition, each, titles[condition], anytime=(condition, shift) in stopped)
+            for shift, each in by_shift.items()
+        }
+        usual = found.pop("")
+        results.append(replace(usual, shifted={**found, **unnoticed[condition]}))
+    return results
 
 
 def comparisons(results: Sequence[ConditionResult]) -> Iterator[PairedComparison]:
@@ -70,8 +81,40 @@ def comparisons(results: Sequence[ConditionResult]) -> Iterator[PairedComparison
             continue  # other seeds or other initial states: there is nothing to pair
 
 
+def comparisons_under_shifts(results: Sequence[ConditionResult]) -> dict[str, tuple[PairedComparison, ...]]:
+    """The same under each shift, by name: the conditions that can notice it, each against the first of them."""
+    found = {
+        name: [under for result in results if (under := result.shifted.get(name))] for name in shift_names(results)
+    }
+    return {name: pairs for name, under in found.items() if (pairs := tuple(comparisons(under)))}
+
+
+def shift_names(results: Sequence[ConditionResult]) -> list[str]:
+    """Names of all shifts that some condition was evaluated under, or cannot notice."""
+    return list(dict.fromkeys(name for result in results for name in result.shifted))
+
+
+def robustness_table(results: Sequence[ConditionResult]) -> tuple[list[str], list[list[str]]]:
+    """Names of the columns, and rows: each condition's rate and its interval without a shift, and under each.
+
+    Both are empty if there are no shifts.
+    """
+    names = shift_names(results)
+    if not names:
+        return [], []
+    rows = [[row.title, _told(row), *(_told(row.shifted.get(name)) for name in names)] for row in results]
+    return ["condition", "no shift", *names], rows
+
+
+def _told(result: ConditionResult | None) -> str:
+    if result is None:
+        return "sees no images"
+    low, high = result.interval
+    return f"{result.average:.0%} ({100 * low:.0f} to {high:.0%})"
+
+
 def markdown_table(results: Sequence[ConditionResult]) -> str:
-    """Comparison in the form of the paper's Table VI, as Markdown."""
+    """Comparison in the form of the paper's Table VI, as Markdown, and a second table of the rates under shifts."""
     lines = [
         "| condition | average | 95 % interval | best | models | episodes |",
         "|---|---:|---:|---:|---:|---:|",
@@ -81,4 +124,11 @@ def markdown_table(results: Sequence[ConditionResult]) -> str:
         f"| {row.best:.0%} | {row.num_models} | {row.num_episodes} |"
         for row in results
     ]
+    columns, rows = robustness_table(results)
+    if columns:
+        lines += ["", _line(columns), "|---|" + "---:|" * (len(columns) - 1), *map(_line, rows)]
     return "\n".join(lines) + "\n"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"

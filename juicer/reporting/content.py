@@ -287,6 +287,7 @@ class ReportData:
         paper: Average and best success rate by condition as the paper's Table VI has them; other
             simulator and observations, so for orientation only.
         comparisons: Paired tests, each condition against the reference.
+        comparisons_under_shifts: The same under each shift, by name.
         funnels: Milestones by condition.
         curves: Training runs.
         augmentations: Yield of each augmentation.
@@ -308,6 +309,7 @@ class ReportData:
     results: tuple[ConditionResult, ...] = ()
     paper: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     comparisons: tuple[PairedComparison, ...] = ()
+    comparisons_under_shifts: Mapping[str, tuple[PairedComparison, ...]] = field(default_factory=dict)
     funnels: tuple[Funnel, ...] = ()
     curves: tuple[TrainingCurve, ...] = ()
     augmentations: tuple[AugmentationYield, ...] = ()

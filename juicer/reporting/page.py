@@ -18,6 +18,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy.typing import NDArray
 
 from juicer.evaluation import ConditionResult
+from juicer.reporting.comparison import robustness_table
 from juicer.reporting.content import (
     DatasetSize,
     EpisodeVideo,
@@ -102,6 +103,11 @@ def render_page(data: ReportData) -> str:
         data=data,
         sources=SOURCES,
         headline=_headline(data.results),
+        robustness=robustness_table(data.results),
+        pairs=[
+            *(("", pair) for pair in data.comparisons),
+            *((shift, pair) for shift, pairs in data.comparisons_under_shifts.items() for pair in pairs),
+        ],
         success=success_figure(data.results) if data.results else "",
         funnels=[(funnel, funnel_figure(funnel), _largest_loss(funnel)) for funnel in data.funnels],
         curves=[(curve, curve_figure(curve, limits)) for curve in data.curves],

@@ -12,7 +12,7 @@ import yaml
 from juicer.artifacts.commit import CHANGED, UNKNOWN
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from juicer.reporting.comparison import ReportRow, comparisons, condition_results
+from juicer.reporting.comparison import ReportRow, comparisons, comparisons_under_shifts, condition_results
 from juicer.reporting.content import EpisodeVideo, NextStep, Provenance, ReportData, ShownAnalysis
 from juicer.reporting.paper import PAPER_TABLE_VI
 from juicer.reporting.sources import Sources
@@ -32,10 +32,13 @@ def gather(
     configuration: Mapping[str, Any] | None = None,
     links: Mapping[str, str] | None = None,
 ) -> ReportData:
-    """Everything the page shows."""
+    """Everything the page shows; what is told beside the rates is told of the evaluations without a shift."""
     results = condition_results(store, evaluations, rows)
+    shifted = [ref for ref, row in zip(evaluations, rows, strict=True) if row.shift]
+    evaluations = [ref for ref, row in zip(evaluations, rows, strict=True) if not row.shift]
+    rows = [row for row in rows if not row.shift]
     named = {row.condition for row in rows}
-    sources = Sources(store, evaluations, rows)
+    sources = Sources(store, evaluations, rows, shifted)
     curves = tuple(sources.curves())
     return ReportData(
         title=title,
@@ -45,6 +48,7 @@ def gather(
         results=tuple(results),
         paper={name: figures for name, figures in PAPER_TABLE_VI.get(task, {}).items() if name in named},
         comparisons=tuple(comparisons(results)),
+        comparisons_under_shifts=comparisons_under_shifts(results),
         funnels=tuple(sources.funnels()),
         curves=curves,
         augmentations=tuple(sources.augmentations()),

@@ -41,8 +41,20 @@ class Sources:
         problems: What could not be read, a sentence each; grows while the rest is read.
     """
 
-    def __init__(self, store: ArtifactStore, evaluations: Sequence[ArtifactRef], rows: Sequence[ReportRow]) -> None:
+    def __init__(
+        self,
+        store: ArtifactStore,
+        evaluations: Sequence[ArtifactRef],
+        rows: Sequence[ReportRow],
+        shifted: Sequence[ArtifactRef] = (),
+    ) -> None:
         """Read the tables and every manifest.
+
+        Args:
+            store: Where they are kept.
+            evaluations: What is told of.
+            rows: Whose they are.
+            shifted: Evaluations under shifts, whose cost counts.
 
         Raises:
             ArtifactError: If an evaluation itself is missing or damaged.
@@ -51,7 +63,7 @@ class Sources:
         self._rows = rows
         self._refs = list(evaluations)
         self._tables = {ref: read_evaluation(store.open(ref, "evaluation")) for ref in dict.fromkeys(evaluations)}
-        self._known = read_lineage(store, evaluations)
+        self._known = read_lineage(store, [*evaluations, *shifted])
         self._evaluations = [store.manifest(ref) for ref in evaluations]
         self.problems: list[str] = [
             f"{ref} is no longer there or damaged; what it tells is missing here"

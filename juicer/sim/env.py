@@ -21,12 +21,14 @@ from numpy.typing import NDArray
 from juicer.episode import ACTION_SIZE, PROPRIOCEPTION_SIZE, Outcome
 from juicer.errors import ConfigError, InvalidAction
 from juicer.seeding import stream
+from juicer.shifts import ShiftOfEpisode, parse_shift
 from juicer.sim.arguments import checked_count, checked_options, checked_seed, shown
 from juicer.sim.controller import MAX_ACTION, EndEffectorController, grip_command, validate_action
 from juicer.sim.initial_states import initial_part_poses
 from juicer.sim.milestones import BaseProgress, PairProgress
 from juicer.sim.panda import GRIP_FORCE_N, NUM_ARM_JOINTS, RESET_JOINTS_RAD
 from juicer.sim.scene import TIMESTEP_S, build_spec
+from juicer.sim.shifting import marked, push, shift_model, unmarked
 from juicer.sim.state import AWAKE_COUNTS, DIVERGED_SPEED, SimulatorState
 from juicer.sim.views import SceneViews
 from juicer.tasks.registry import get_task
@@ -52,8 +54,14 @@ Observation = dict[str, NDArray[np.float32]]
 class Renderer(Protocol):
     """Draws one task's scene; see :class:`juicer.imaging.renderer.ViewRenderer`."""
 
-    def draw(self, qpos: NDArray[np.float64], view: View, end_effector: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """Image ``(height, width, 3)`` of a view."""
+    def draw(
+        self,
+        qpos: NDArray[np.float64],
+        view: View,
+        end_effector: NDArray[np.float32],
+        shift: ShiftOfEpisode | None = None,
+    ) -> NDArray[np.uint8]:
+        """Image ``(height, width, 3)`` of a view, under a shift."""
         ...
 
     def draw_for_people(self, qpos: NDArray[np.float64], camera: str, width: int, height: int) -> NDArray[np.uint8]:
@@ -97,6 +105,7 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         max_steps: Steps after which an episode times out.
         model: MuJoCo's model of the scene, this environment's own; what is changed in it stays changed.
         data: MuJoCo's state of the scene.
+        shift: The shift that it was made with, and what the present episode makes of it; None without one.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": CONTROL_HZ}  # noqa: RUF012 (Gymnasium's own protocol)
@@ -107,11 +116,15 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         randomness: str = "low",
         render_mode: str | None = None,
         max_steps: int | None = None,
+        shift: object = None,
     ) -> None:
         """Build the scene; ``max_steps`` defaults to the task's own limit.
 
+        A shift, for evaluation, is one of :mod:`juicer.shifts`, its kind and settings as a mapping, or its mere kind.
+
         Raises:
-            ConfigError: If the task, the randomness or the render mode is unknown, or ``max_steps`` is no step number.
+            ConfigError: If the task, the randomness or the render mode is unknown, ``max_steps`` is no step number, or
+                there is no such shift.
         """
         self.task = get_task(task)
         self.randomness = parse_randomness(randomness)
@@ -121,6 +134,7 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.max_steps = self.task.max_steps if max_steps is None else checked_count("max_steps", max_steps)
         self.metadata = copy.deepcopy(self.metadata)
         self.data = mujoco.MjData(copy.copy(_compiled_model(task)))
+        self.shift = shift_model(self.data.model, parse_shift(shift), self.randomness)
         self._controller = EndEffectorController()
         self._milestones = self.task.milestones
         self._progress = np.zeros(1 + len(self.task.pairs) + len(self._milestones))
@@ -175,7 +189,9 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         seed = checked_seed(seed)
         super().reset(seed=seed)
         seed = int(self.np_random.integers(2**31)) if seed is None else seed
-        poses = initial_part_poses(self.task, self.randomness, stream(seed, "initial_state"))
+        shift = self.shift.shift if self.shift else None
+        poses = initial_part_poses(self.task, self.randomness, stream(seed, "initial_state"), shift)
+        self.shift = ShiftOfEpisode.of(shift, seed) if shift else None
         mujoco.mj_resetData(self.model, self.data)
         views = self._views
         views.joints[:] = views.joint_targets[:] = RESET_JOINTS_RAD
@@ -199,6 +215,8 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """
         self._require_begun()
         values = validate_action(action)
+        if self.shift:
+            push(self.shift, self.task, self.data, int(self._progress[0]), STEP_S)
         targets, controls = self._views.joint_targets, self._views.controls
         goal = self._controller.joint_targets(values, self._views.joints)
         controls[NUM_ARM_JOINTS] = grip_command(values, float(controls[NUM_ARM_JOINTS]))
@@ -231,15 +249,18 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     def get_state(self) -> NDArray[np.float64]:
         """Everything that decides the future, as a vector; see :meth:`set_state`."""
-        return self._state.read(self.data, self._progress)
+        return marked(self._state.read(self.data, self._progress), self.shift)
 
     def set_state(self, state: NDArray[np.float64]) -> None:
         """Continue exactly (bit for bit) from a state that :meth:`get_state` returned.
 
         Raises:
-            InvalidEpisode: If it is no state of this scene, or of one that diverged; nothing has changed.
+            InvalidEpisode: If it is no state of this scene under this shift, or of one that diverged; nothing has
+                changed.
         """
+        state, shift = unmarked(state, self.shift)
         self._state.write(self.data, self._progress, state)
+        self.shift = shift
         self._has_begun = True
 
     def contact_pairs(self) -> frozenset[tuple[str, str]]:
@@ -276,7 +297,7 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         Raises:
             ConfigError: If the robot's mesh is asked for and not installed.
         """
-        return self._drawing().draw(self.data.qpos, view, self._views.position.astype(np.float32))
+        return self._drawing().draw(self.data.qpos, view, self._views.position.astype(np.float32), self.shift)
 
     def _drawing(self) -> Renderer:
         self._require_begun()

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from juicer.geometry import quat_multiply
+from juicer.shifts import Outside, Shift
 from juicer.sim.scene import FENCE
 from juicer.tasks.specification import AssemblyTask, PartSpec, Randomness
 
@@ -18,15 +19,24 @@ _MARGIN_M = 0.01
 _MAX_DRAWS, _DRAWS_AT_ONCE = 300_000, 250
 
 
-def initial_part_poses(task: AssemblyTask, randomness: Randomness, rng: np.random.Generator) -> NDArray[np.float64]:
+def initial_part_poses(
+    task: AssemblyTask, randomness: Randomness, rng: np.random.Generator, shift: Shift | None = None
+) -> NDArray[np.float64]:
     """Poses ``(P, 7)`` of the parts in the robot base frame, quaternion wxyz.
 
     Low and medium randomness move and turn every part independently, and draw again until no footprints overlap;
     high randomness picks one of the stored layouts.
+
+    Args:
+        task: Whose parts they are.
+        randomness: How far they may stray.
+        rng: Random numbers of the episode.
+        shift: If it is one that leads outside, a part that is to be assembled starts outside the region of this
+            randomness.
     """
     if randomness is Randomness.HIGH:
         return np.array(task.high_layouts[int(rng.integers(len(task.high_layouts)))])
-    positions, yaw = _free_layout(task, randomness, rng)
+    positions, yaw = _free_layout(task, randomness, rng, shift if isinstance(shift, Outside) else None)
     poses = np.array([part.start for part in task.parts])
     turn = np.stack([np.cos(yaw / 2), 0 * yaw, 0 * yaw, np.sin(yaw / 2)], axis=-1)
     poses[:, :2] = positions
@@ -35,7 +45,7 @@ def initial_part_poses(task: AssemblyTask, randomness: Randomness, rng: np.rando
 
 
 def _free_layout(
-    task: AssemblyTask, randomness: Randomness, rng: np.random.Generator
+    task: AssemblyTask, randomness: Randomness, rng: np.random.Generator, outside: Outside | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Positions ``(P, 2)`` and turns ``(P,)``: the first draw in which all parts are in the region and none overlap."""
     num_parts = len(task.parts)
@@ -44,10 +54,18 @@ def _free_layout(
     lowest, highest = np.array([part.start_shift_m or (-reach_m, reach_m) for part in task.parts]).T[:, :, None]
     for _ in range(0, _MAX_DRAWS, _DRAWS_AT_ONCE):
         draws = rng.random((_DRAWS_AT_ONCE, 3 * num_parts))
-        shifts = draws[:, : 2 * num_parts].reshape(-1, num_parts, 2)
-        positions = means + (lowest + (highest - lowest) * shifts)
+        shifts = lowest + (highest - lowest) * draws[:, : 2 * num_parts].reshape(-1, num_parts, 2)
         yaws = -reach_rad + 2 * reach_rad * draws[:, 2 * num_parts :]
-        inside = ((positions >= _REGION[0] - 1e-9) & (positions <= _REGION[1] + 1e-9)).all(axis=(1, 2))
+        astray = np.ones(_DRAWS_AT_ONCE, bool)
+        if outside:
+            # Another part in each draw: for some of them there may be no room.
+            chosen = rng.choice(task.assembled_parts, _DRAWS_AT_ONCE)[:, None] == np.arange(num_parts)
+            middle = (lowest + highest) / 2
+            shifts = np.where(chosen[..., None], middle + outside.wider * (shifts - middle), shifts)
+            yaws = np.where(chosen, outside.wider * yaws, yaws)
+            astray = ((shifts < lowest) | (shifts > highest)).any(axis=(1, 2)) | (np.abs(yaws) > reach_rad).any(axis=1)
+        positions = means + shifts
+        inside = astray & ((positions >= _REGION[0] - 1e-9) & (positions <= _REGION[1] + 1e-9)).all(axis=(1, 2))
         positions, yaws = positions[inside], yaws[inside]
         free = np.flatnonzero(~_overlaps(task.parts, positions, yaws))
         if len(free):

@@ -21,6 +21,7 @@ from juicer.sim.contacts import ARM, FINGER
 ARM_JOINTS = tuple(f"panda_joint{number}" for number in range(1, 8))
 NUM_ARM_JOINTS = len(ARM_JOINTS)
 FINGER_JOINTS = ("panda_finger_joint1", "panda_finger_joint2")
+FINGER_BODIES = tuple(joint.replace("_joint", "") for joint in FINGER_JOINTS)
 END_EFFECTOR_SITE = "end_effector"
 HAND_BODY = "panda_hand"
 END_EFFECTOR_Z = 0.103399

@@ -18,6 +18,9 @@ DIVERGED_SPEED = 200.0
 AWAKE_COUNTS = ("ntree_awake", "nbody_awake", "nparent_awake", "nv_awake")
 """Lengths of the lists that MuJoCo derives from the sleep counters."""
 
+SHIFT_MARKS = 2
+"""Numbers that follow in a state of an environment under a shift, see :mod:`juicer.sim.shifting`."""
+
 _INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 # A tree that has just been touched stays awake for so many steps.
 _JUST_WOKEN = -(1 + mujoco.mjMINAWAKE)
@@ -108,7 +111,9 @@ class SimulatorState:
             values = np.empty(0)
         if values.shape != (self.size,) or values.dtype != np.float64:
             got = f"{values.dtype} {values.shape}" if isinstance(state, np.ndarray) else type(state).__name__
-            raise InvalidEpisode(f"a simulator state of this scene has {self.size} entries of float64, got {got}")
+            is_marked = values.shape == (self.size + SHIFT_MARKS,)
+            hint = ": it is of an environment under a shift, and goes on only there" if is_marked else ""
+            raise InvalidEpisode(f"a simulator state of this scene has {self.size} entries of float64, got {got}{hint}")
         if not np.isfinite(values).all():
             raise InvalidEpisode("the simulator state holds NaN or infinite values: the simulation had diverged there")
         for problem in (

@@ -37,6 +37,7 @@ class AssemblyVectorEnv(SyncVectorEnv):
         max_steps: int | None = None,
         num_threads: int = 2,
         max_episode_steps: int | None = None,
+        shift: object = None,
     ) -> None:
         """Create the environments; they are stepped by ``num_threads`` threads.
 
@@ -48,15 +49,16 @@ class AssemblyVectorEnv(SyncVectorEnv):
             max_steps: Steps after which an episode times out; the task's own limit if None.
             num_threads: Threads that step environments.
             max_episode_steps: What :func:`gymnasium.make_vec` calls ``max_steps``.
+            shift: In what they differ from training, see :class:`juicer.sim.env.AssemblyEnv`.
 
         Raises:
-            ConfigError: If the task, the randomness or the render mode is unknown, or a number is none.
+            ConfigError: If the task, the randomness, the render mode or the shift is unknown, or a number is none.
         """
         # Gymnasium closes whatever is garbage collected, also what was never made.
         self._threads: tuple[int, ThreadPoolExecutor] | None = None
         self._num_threads = checked_count("num_threads", num_threads)
         limit = max_episode_steps if max_steps is None else max_steps
-        make = partial(AssemblyEnv, task, randomness, render_mode, limit)
+        make = partial(AssemblyEnv, task, randomness, render_mode, limit, shift)
         super().__init__([make] * checked_count("num_envs", num_envs), autoreset_mode=AutoresetMode.DISABLED)
 
     def __copy__(self) -> Self:

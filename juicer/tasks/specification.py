@@ -270,6 +270,11 @@ class AssemblyTask:
     gripper_width_m: float
 
     @property
+    def assembled_parts(self) -> tuple[int, ...]:
+        """Indices of the parts that are to be assembled; others only lie about."""
+        return tuple(sorted({part for pair in self.pairs for part in (pair.first, pair.second)}))
+
+    @property
     def num_critical_states(self) -> int:
         """Critical states a demonstration."""
         return len(self.critical_states)

@@ -12,6 +12,7 @@ from pydantic import Field
 from juicer.config import StrictConfig
 from juicer.episode import EpisodeRecord, Source
 from juicer.errors import ArtifactError, NothingLeft
+from juicer.shifts import require_unshifted
 from juicer.storage.dataset import DatasetRow
 from juicer.tasks.task_name import TaskName
 
@@ -74,6 +75,7 @@ def mix(given: Sequence[GivenEpisodes], judged: Mapping[str, bool], config: Data
     Raises:
         NothingLeft: If an artifact gives nothing, or all together do.
         ArtifactError: If an episode is in two artifacts, or one that was judged is in none.
+        EvaluationOnly: If one was made under a shift.
     """
     families = _families(given)
     if missing := next((identity for identity in judged if identity not in families), None):
@@ -81,6 +83,7 @@ def mix(given: Sequence[GivenEpisodes], judged: Mapping[str, bool], config: Data
     rows: list[DatasetRow] = []
     lengths: dict[str, int] = {}
     for each in given:
+        require_unshifted(each.records, f"episodes/{each.artifact}")
         kept = [
             (record, length)
             for record, length in zip(each.records, each.lengths, strict=True)

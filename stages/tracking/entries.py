@@ -56,6 +56,12 @@ def rates(result: ConditionResult) -> dict[str, float]:
         "success_rate_high": high,
         "episodes": result.num_episodes,
         "models": result.num_models,
+        **{
+            f"under_{shift}/{name}": value
+            for shift, under in result.shifted.items()
+            if under
+            for name, value in rates(under).items()
+        },
     }
 
 

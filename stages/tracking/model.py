@@ -30,6 +30,8 @@ class Model(StrictConfig):
         task: Assembly task.
         params: Configuration, flat.
         evaluation: ``kind/id`` of its evaluation; empty while it is made.
+        shifted: The same of its evaluations under shifts, by name of the shift.
+        unnoticed: Names of the shifts that it cannot notice.
         report: The same of the page about all models of the run.
         finding: Why it learned from less than it should, as a sentence.
     """
@@ -42,8 +44,15 @@ class Model(StrictConfig):
     task: str
     params: dict[str, Any]
     evaluation: str = ""
+    shifted: dict[str, str] = Field(default={})
+    unnoticed: tuple[str, ...] = ()
     report: str = ""
     finding: str = ""
+
+    @property
+    def evaluations(self) -> dict[str, str]:
+        """All of its evaluations by name of the shift; the usual one has no name."""
+        return {"": self.evaluation, **self.shifted}
 
     @property
     def label(self) -> str:
@@ -74,7 +83,7 @@ def noted(folder: Path) -> Iterator[Model]:
     for path in sorted(folder.glob(f"*{SUFFIX}"), key=_age):
         try:
             model = Model.model_validate_json(read_bounded(path, MOST_BYTES))
-            refs = [ArtifactRef.parse(ref) for ref in (model.evaluation, model.report) if ref]
+            refs = [ArtifactRef.parse(ref) for ref in (model.evaluation, *model.shifted.values(), model.report) if ref]
         except (OSError, ValidationError, RecursionError, ArtifactNotFound):
             continue
         if refs:

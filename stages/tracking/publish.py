@@ -150,6 +150,9 @@ class Study:
             return
         self._log_params(run, model.params)
         self._log_numbers(run, _facts(history), end)
+        for name, ref in model.shifted.items():
+            found = entries.outcome(self._store.manifest(ArtifactRef.parse(ref)))
+            self._log_numbers(run, {f"under_{name}/{fact}": value for fact, value in found.items()}, end)
         self._log_curves(run, history)
         self._log_datasets(run, history)
         identity = run.info.run_id
@@ -209,8 +212,14 @@ class Study:
         return entries.report_link(self.experiment, run.info.run_id) if run else ""
 
     def _results(self, models: Sequence[Model]) -> list[ConditionResult]:
-        rows = [ReportRow(condition=model.condition, title=model.title, seed=model.seed) for model in models]
-        return condition_results(self._store, [ArtifactRef.parse(model.evaluation) for model in models], rows)
+        entries_of = [(model, name, ref) for model in models for name, ref in model.evaluations.items()]
+        rows = [
+            ReportRow(
+                condition=model.condition, title=model.title, seed=model.seed, shift=name, unnoticed=model.unnoticed
+            )
+            for model, name, _ in entries_of
+        ]
+        return condition_results(self._store, [ArtifactRef.parse(ref) for _, _, ref in entries_of], rows)
 
     def _log_params(self, run: Run, params: Mapping[str, object]) -> None:
         missing = [Param(name, entries.value(item)) for name, item in params.items() if name not in run.data.params]

@@ -167,6 +167,18 @@ def test_any_checkpoint_is_analysed_and_its_figure_written(data, first, tmp_path
     assert "the figure cannot be written" in err
 
 
+def test_a_checkpoint_is_measured_under_a_shift_from_the_command_line(data, first):
+    checkpoint = first["models"][0]["checkpoint"]
+    arguments = ("evaluate", checkpoint, "-n", "1", "--seed-start", "9", "--shift")
+    assert "0% of 1 episodes succeed with other friction (" in finish(juicer(data, *arguments, "friction"))[0]
+    ref = json.loads(finish(juicer(data, *arguments, "{kind: friction, factor: 0.7}", "--json"))[0])["evaluation"]
+    assert ArtifactStore(data).manifest(ArtifactRef.parse(ref)).recipe.config["shift"]["factor"] == 0.7
+    _, err = finish(juicer(data, *arguments, "pusch"), status=1)
+    assert "kind must be one of outside, push, friction, light, camera" in err
+    _, err = finish(juicer(data, *arguments, "light"), status=1)
+    assert "the policy sees no images, so it cannot notice a shift of kind 'light'" in err
+
+
 def worker_at_work(data, process):
     """The process, other than the run's own, that holds the lock of a training."""
     for _ in range(1200):

@@ -65,6 +65,14 @@ def test_of_two_reports_with_one_name_the_newer_counts(store: ArtifactStore):
     assert find(store, "study/bc") == newer
 
 
+def test_the_name_of_a_model_means_its_evaluation_without_a_shift(store: ArtifactStore):
+    usual, shifted = (made(store, "evaluate", "evaluation", {"shift": each}) for each in (None, "push"))
+    rows = [{"condition": "bc", "seed": 0, "shift": each} for each in ("", "push")]
+    made(store, "report", "report", {"title": "study", "task": "one_leg", "rows": rows}, evaluations=[usual, shifted])
+    assert find(store, "study/one_leg/bc/seed-0", "evaluation") == usual
+    assert len(read_models(store)) == 1
+
+
 def test_two_names_of_one_evaluation_are_no_doubt(store: ArtifactStore):
     (mine,) = study(store, "mine", "one_leg", [("bc", 0)])
     assert study(store, "yours", "one_leg", [("bc", 0)]) == [mine]

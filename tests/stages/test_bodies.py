@@ -14,6 +14,7 @@ import pytest
 from flows.command.evaluated import evaluated_row, kept_episode, recomputed_episode
 from flows.stopping import StopConfig, measure_alone
 from juicer.annotation.propose import AnnotationConfig
+from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.augmentation.config import ToleranceConfig
@@ -24,6 +25,7 @@ from juicer.episode import SIMULATOR, Outcome, Role, Schema
 from juicer.errors import (
     ArtifactError,
     ConfigError,
+    EvaluationOnly,
     InvalidCheckpoint,
     NothingLeft,
     RenderingUnavailable,
@@ -35,8 +37,10 @@ from juicer.evaluation import anytime_interval
 from juicer.policy.checkpoint import load_policy
 from juicer.policy.config import HorizonConfig
 from juicer.reporting.comparison import ReportRow
+from juicer.reporting.page import render_page
 from juicer.reporting.report import gather
 from juicer.rollout import rollout
+from juicer.shifts import parse_shift
 from juicer.sim.env import AssemblyEnv
 from juicer.storage.annotations import read_annotations
 from juicer.storage.curves import read_curves
@@ -606,3 +610,64 @@ def test_a_replay_lasts_as_long_as_the_episodes_may(loop, monkeypatch):
     with pytest.raises(NothingLeft):
         evaluate(loop.session, checkpoint=checkpoint, config=EvaluateConfig(**SCENE, max_steps=7000))
     assert horizons == [7000]
+
+
+@pytest.mark.parametrize("kind", ["outside", "push", "friction"])
+def test_an_evaluation_under_a_shift_says_so_and_can_be_made_again(loop, kind):
+    shift = {"kind": kind} | ({"earliest": 0.002, "latest": 0.004} if kind == "push" else {})
+    config = EvaluateConfig(**SCENE, episodes=2, max_steps=12, shift=shift)
+    ref = evaluate(loop.session, checkpoint=loop.checkpoint, config=config)
+    facts = summary(loop, ref)
+    assert facts["shift"] == config.shift.phrase
+    assert all(config.shift.phrase in facts[name] for name in ("headline", "label"))
+    usual, rows = (read_evaluation(loop.store.open(each)) for each in (loop.evaluation, ref))
+    assert [row.seed for row in rows] == [row.seed for row in usual[:2]]
+    kept, again = kept_episode(loop.store, ref, rows[1]), recomputed_episode(loop.store, ref, rows[1])
+    assert again.differences == ()
+    np.testing.assert_array_equal(kept.episode.steps["sim_state"], again.episode.steps["sim_state"])
+    unshifted = kept_episode(loop.store, loop.evaluation, usual[1]).episode
+    seen = {name: kept.episode.steps[name] for name in unshifted.schema.names(Role.OBSERVATION)}
+    differs = any(not np.array_equal(values, unshifted.steps[name]) for name, values in seen.items())
+    # Nothing slides in so few steps.
+    assert differs == (kind != "friction")
+    assert parse_shift(kept.episode.record.shift) == config.shift
+
+
+def test_a_policy_without_eyes_is_not_measured_under_another_light(loop):
+    config = EvaluateConfig(**SCENE, episodes=2, max_steps=12, shift={"kind": "light"})
+    with pytest.raises(ConfigError, match="the policy sees no images, so it cannot notice a shift of kind 'light'"):
+        evaluate(loop.session, checkpoint=loop.checkpoint, config=config)
+
+
+def test_nothing_is_learned_from_what_was_made_under_a_shift(loop):
+    config = EvaluateConfig(**SCENE, episodes=2, max_steps=12, shift={"kind": "friction"})
+    examples = loop.store.open(evaluate(loop.session, checkpoint=loop.checkpoint, config=config)) / "examples"
+    reader = EpisodeReader(examples)
+    with loop.store.create(Recipe("by hand", "episodes")) as draft:
+        write_episodes(draft.path, [reader.read(0)], {})
+    for learn_from in (
+        lambda: select(loop.session, episodes=draft.ref, config=SelectConfig()),
+        lambda: dataset(loop.session, episodes=(loop.demonstrations, draft.ref), config=DatasetConfig()),
+        lambda: memorise(loop.session, episodes=draft.ref, config=MemoriseConfig()),
+    ):
+        with pytest.raises(
+            EvaluationOnly, match=f"{draft.ref} holds episode .* made under a shift .*friction.*leave it"
+        ):
+            learn_from()
+
+
+def test_a_report_shows_a_column_for_each_shift_and_counts_its_cost(loop):
+    config = EvaluateConfig(**SCENE, episodes=3, max_steps=12, shift={"kind": "friction"})
+    shifted = evaluate(loop.session, checkpoint=loop.checkpoint, config=config)
+    row = ReportRow(condition="bc", title="BC", seed=0, unnoticed=("light",))
+    rows = (row, row.model_copy(update={"shift": "slippery"}))
+    data = gather(loop.store, (loop.evaluation, shifted), rows, title="t", task="one_leg", facts={}, findings=())
+    (result,) = data.results
+    assert result.num_episodes == 3
+    assert result.shifted["slippery"].num_episodes == 3
+    assert result.shifted["light"] is None
+    assert {cost.stage: cost.artifacts for cost in data.costs}["evaluate"] == 2
+    assert len(data.models) == 1
+    page = render_page(data)
+    assert "<th>slippery</th><th>light</th>" in page
+    assert "sees no images" in page

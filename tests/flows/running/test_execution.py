@@ -11,7 +11,7 @@ import pytest
 from flows.config import StudyConfig, load_runs
 from flows.loop import ModelOutcome
 from flows.running import execution
-from flows.running.execution import RunOutcome, execute, run_models
+from flows.running.execution import RunOutcome, _facts, execute, run_models
 from flows.running.plan import is_complete, plan
 from flows.running.tracking import Tracking
 from juicer.artifacts.recipe import Recipe
@@ -184,6 +184,25 @@ def test_outcome_for_machines_names_everything(store):
     assert content["table"][0]["episodes"] == 4
     assert content["report"].startswith("report/")
     assert Recipe.from_json(Recipe("a", "report").to_json()).kind == "report"
+
+
+def test_rates_under_shifts_are_told_beside_the_usual_ones(store):
+    shifts = {"slippery": {"kind": "friction"}, "dim": {"kind": "light"}}
+    config = StudyConfig(name="study", conditions=("bc",), seeds=(0,), shifts=shifts)
+    noting = Noting()
+    outcome = execute(Session(store, performer=Stub(store)), config, Tracking(noting, config))
+    content = outcome.to_json(store)
+    (model,), (row,) = content["models"], content["table"]
+    assert model["shifted"]["slippery"].startswith("evaluation/")
+    assert model["shifted"]["slippery"] != model["evaluation"]
+    assert model["shifted"]["dim"] is row["shifted"]["dim"] is None
+    assert row["shifted"]["slippery"] == {"average": 1.0, "interval": row["interval"]}
+    assert row["episodes"] == 4
+    noted = noting.noted["BC, seed 0"]
+    assert noted.shifted == {"slippery": model["shifted"]["slippery"]}
+    assert noted.unnoticed == ("dim",)
+    told = _facts(config, outcome.models)["Shifts"]
+    assert told.startswith("slippery: with other friction (factor 0.3); dim: under another light (turn_rad 0.6")
 
 
 def test_a_model_for_several_tasks_does_without_the_successes_of_one(store, tmp_path):

@@ -30,6 +30,35 @@ def test_conditions_share_all_that_they_have_in_common(store):
     assert (counts["memorise"], counts["evaluate"]) == (1, 15)
 
 
+SHIFTS = {"shoved": {"kind": "push"}, "slippery": {"kind": "friction"}, "dim": {"kind": "light"}}
+
+
+def test_every_model_is_evaluated_under_each_shift_that_it_can_notice_from_the_same_states(store):
+    planned = plan(store, StudyConfig(conditions=("replay", "bc"), seeds=(0,), shifts=SHIFTS))
+    evaluations = {entry.label: entry.call.recipe for entry in calls_of(planned, "evaluate")}
+    names = ("", " under shoved", " under slippery")
+    assert set(evaluations) == {f"{condition} seed 0{name}" for condition in ("replay", "bc") for name in names}
+    usual, shoved = (evaluations[f"bc seed 0{name}"] for name in names[:2])
+    assert shoved.inputs == usual.inputs
+    assert {**shoved.config, "shift": None} == usual.config
+    assert shoved.config["shift"]["kind"] == "push"
+
+
+def test_policies_that_see_images_are_evaluated_under_another_light(store):
+    (config,) = load_runs("robustness", ["base=laptop_image", "conditions=[replay, bc]"])
+    labels = {entry.label for entry in calls_of(plan(store, config), "evaluate")}
+    assert {"bc seed 0 under light", "bc seed 0 under camera"} <= labels
+    assert "replay seed 0 under light" not in labels
+
+
+def test_a_shift_changes_nothing_of_what_was_there_before(store):
+    config = StudyConfig(conditions=("ta_ci",), seeds=(0,))
+    usual = {entry.ref for entry in plan(store, config)}
+    shifted = {entry.ref for entry in plan(store, StudyConfig(**{**dict(config), "shifts": SHIFTS}))}
+    assert usual < shifted
+    assert len(shifted - usual) == 2
+
+
 def test_collecting_begins_with_the_model_of_the_plain_condition(store):
     planned = plan(store, StudyConfig(conditions=("ta", "ta_ci"), seeds=(0,)))
     trained = by_label(planned, "train")

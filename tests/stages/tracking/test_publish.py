@@ -54,6 +54,22 @@ def test_success_has_one_name_for_every_condition_over_five_seeds(destination, s
     assert {run.info.status for run in runs.values()} == {"FINISHED"}
 
 
+def test_rates_under_shifts_stand_below_their_names(destination, store, study):
+    other = study.model("ta_ci", 7).evaluation
+    models = [
+        model.model_copy(update={"shifted": {"push": other}, "unnoticed": ("light",)})
+        for model in study.models(range(2))
+    ]
+    runs = runs_of(show(destination, store, models))
+    pushed = store.manifest(ArtifactRef.parse(other)).summary
+    for label in ("BC, seed 1", "TA+CI"):
+        metrics = runs[label].data.metrics
+        assert metrics["under_push/success_rate"] == pytest.approx(pushed["success_rate"])
+        assert metrics["under_push/success_rate_low"] < metrics["under_push/success_rate"]
+        assert not any(name.startswith("under_light") for name in metrics)
+    assert runs["BC"].data.metrics["success_rate"] < runs["BC"].data.metrics["under_push/success_rate"]
+
+
 def test_rounds_before_the_final_model_stand_below_their_number(destination, store, study):
     client = show(destination, store, study.models(range(1)))
     runs = runs_of(client)
