@@ -1,6 +1,7 @@
-"""How often the scripted operator assembles, how long it takes, and where it fails.
+"""How often the scripted operator assembles, how long it takes and how much of that it stands still, where it fails.
 
 python -m benchmarks.operator_success [--task one_leg] [--randomness low] [--episodes 100] [--seed-start 5000]
+    [--temperament '{"kind": "human", "reaction_steps": 1}']
 """
 
 from __future__ import annotations
@@ -10,11 +11,17 @@ import time
 from collections import Counter
 from statistics import fmean
 
+import numpy as np
+from pydantic import TypeAdapter
+
 from juicer.demonstration.log import OperatorLog
 from juicer.demonstration.recording import recordings
 from juicer.evaluation import wilson_interval
 from juicer.expert.operator import scripted_operators
+from juicer.expert.temperament import Temperament
 from juicer.tasks.registry import get_task
+
+STILL_M_S, STILL_RAD_S = 0.01, 0.1
 
 
 def main() -> None:
@@ -22,6 +29,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--task", default="one_leg")
     parser.add_argument("--randomness", default="low", choices=("low", "med", "high"))
+    parser.add_argument("--temperament", default='{"kind": "steady"}', help="as in record.temperament, but as JSON")
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--seed-start", type=int, default=5000)
     parser.add_argument("--root-seed", type=int, default=0)
@@ -30,12 +38,20 @@ def main() -> None:
     seeds = range(options.seed_start, options.seed_start + options.episodes)
     begin = time.perf_counter()
     logs: list[OperatorLog] = []
-    operators = scripted_operators(options.root_seed)
+    temperament: Temperament = TypeAdapter(Temperament).validate_json(options.temperament)
+    operators = scripted_operators(options.root_seed, temperament)
     for log in recordings(options.task, options.randomness, seeds, operators, workers=options.workers):
         logs.append(log)
         if not log.success:
             print(f"seed {log.seed}: {log.outcome} after {len(log)} steps, reached {dict(log.milestones)}", flush=True)
     print_table(options.task, options.randomness, logs, time.perf_counter() - begin)
+
+
+def still_share(log: OperatorLog) -> float:
+    """Share of the steps that are not idle in which the end effector hardly moves."""
+    velocity = np.asarray(log.steps["proprioception"][~log.idle, 9:15])
+    speed, spin = np.linalg.norm(velocity[:, :3], axis=1), np.linalg.norm(velocity[:, 3:], axis=1)
+    return float(((speed < STILL_M_S) & (spin < STILL_RAD_S)).mean())
 
 
 def print_table(task: str, randomness: str, logs: list[OperatorLog], seconds: float) -> None:
@@ -48,7 +64,9 @@ def print_table(task: str, randomness: str, logs: list[OperatorLog], seconds: fl
     if successes:
         lengths = [len(log) for log in successes]
         idle = fmean(float(log.idle.mean()) for log in successes)
+        still = fmean(still_share(log) for log in successes)
         print(f"  steps           {fmean(lengths):6.0f}  ({min(lengths)} to {max(lengths)}, {idle:.1%} of them idle)")
+        print(f"  standing still  {still:6.1%}  (of the steps that are not idle)")
     reached = Counter(name for log in logs for name in log.milestones)
     for name in get_task(task).milestones:
         steps = [log.milestones[name] for log in logs if name in log.milestones]

@@ -9,6 +9,8 @@ from juicer.config import Seed, StrictConfig
 from juicer.demonstration.log import SUFFIX
 from juicer.demonstration.recording import record_demonstrations
 from juicer.expert.operator import DEVICE, scripted_operators
+from juicer.expert.steady import Steady
+from juicer.expert.temperament import Temperament
 from juicer.seed_ranges import Purpose, claim
 from juicer.tasks.specification import Randomness
 from juicer.tasks.task_name import TaskName
@@ -30,6 +32,7 @@ class RecordSection(StrictConfig):
         default=0, ge=0, lt=1_000_000, description="position of the first initial state among those for demonstrations"
     )
     seed: Seed = Field(default=0, description="root of the operator's habits")
+    temperament: Temperament = Field(default=Steady(), description="how unlike a machine the operator is")
 
 
 class RecordConfig(RecordSection):
@@ -54,7 +57,7 @@ def record(context: StageContext, *, config: RecordConfig) -> None:
         config.task,
         config.randomness,
         seeds,
-        scripted_operators(config.seed),
+        scripted_operators(config.seed, config.temperament),
         successes=config.demonstrations,
         workers=context.machine.workers,
         progress=context.progress,
