@@ -6,8 +6,7 @@ from pydantic import Field
 
 from juicer.artifacts.manifest import FINDING
 from juicer.config import Seed, StrictConfig
-from juicer.demonstration.log import SUFFIX
-from juicer.demonstration.recording import record_demonstrations
+from juicer.demonstration.recording import minutes_of, record_demonstrations
 from juicer.expert.operator import DEVICE, scripted_operators
 from juicer.expert.steady import Steady
 from juicer.expert.temperament import Temperament
@@ -52,7 +51,7 @@ class RecordConfig(RecordSection):
 def record(context: StageContext, *, config: RecordConfig) -> None:
     """Let the scripted operator assemble, and record it as a human's recording tool would."""
     seeds = claim(Purpose.DEMONSTRATIONS, config.first, config.max_recordings)
-    successes = record_demonstrations(
+    sitting = record_demonstrations(
         context.draft.path,
         config.task,
         config.randomness,
@@ -62,13 +61,16 @@ def record(context: StageContext, *, config: RecordConfig) -> None:
         workers=context.machine.workers,
         progress=context.progress,
     )
-    recordings = len(list(context.draft.path.glob(f"*{SUFFIX}")))
     context.draft.summary |= {
-        "logs": recordings,
-        "successes": successes,
-        "success_rate": successes / recordings,
+        "logs": sitting.recordings,
+        "successes": sitting.successes,
+        "success_rate": sitting.successes / sitting.recordings,
         "device": DEVICE,
+        "steps": sitting.steps,
+        "idle_steps": sitting.idle_steps,
+        "operator_minutes": minutes_of(sitting.steps),
     }
-    if not successes:
+    if not sitting.successes:
         # Hours of recordings that failed are not made again: what lacks demonstrations is what ingests them.
-        context.draft.summary[FINDING] = f"the scripted operator failed in all of {recordings} recordings"
+        failed = f"the scripted operator failed in all of {sitting.recordings} recordings"
+        context.draft.summary[FINDING] = failed

@@ -27,9 +27,6 @@ _IN_THE_OPEN = ("go to", "bring", "stand", "rise", "take")
 _STRAIGHT_M = 0.015
 """Lead of the target below which the way to a goal is no longer bent."""
 
-_CARE = 0.5
-"""How much less the target leads the end effector near its goal, for each step of delay."""
-
 _SLOWEST, _FASTEST = 0.4, 1.2
 """Bounds of the tempo: no phase shall take for ever, nor the arm be asked for more than the steady operator asks."""
 
@@ -39,24 +36,27 @@ class Human(StrictConfig):
 
     kind: Literal["human"] = "human"
     tremor_m: float = Field(
-        default=1.0e-3, ge=0, le=0.01, description="standard deviation of the tremor along each axis"
+        default=0.5e-3, ge=0, le=0.01, description="standard deviation of the tremor along each axis"
     )
-    tremor_rad: float = Field(default=math.radians(0.6), ge=0, le=0.1, description="the same about each axis")
+    tremor_rad: float = Field(default=math.radians(0.4), ge=0, le=0.1, description="the same about each axis")
     tremor_memory: float = Field(
         default=0.8, ge=0, lt=1, description="correlation of the tremor from one step to the next"
     )
     reaction_steps: int = Field(
         default=2, ge=0, le=5, description="greatest delay of what is seen; each demonstration has its own, from 1 on"
     )
-    tempo: float = Field(
-        default=0.9, ge=0.4, le=1.2, description="mean pace, as a share of the steady operator's"
+    care: float = Field(
+        default=1.2,
+        ge=0,
+        le=3,
+        description="by how much the target leads less near a goal for each step of that delay, as who reacts late "
+        "must approach with care",
     )
+    tempo: float = Field(default=0.9, ge=0.4, le=1.2, description="mean pace, as a share of the steady operator's")
     tempo_spread: float = Field(
         default=0.15, ge=0, le=0.5, description="relative spread of the pace from phase to phase"
     )
-    tempo_drift: float = Field(
-        default=0.2, ge=0, le=0.5, description="relative spread of the pace within a phase"
-    )
+    tempo_drift: float = Field(default=0.2, ge=0, le=0.5, description="relative spread of the pace within a phase")
     tempo_memory: float = Field(
         default=0.9, ge=0, lt=1, description="correlation of that drift from one step to the next"
     )
@@ -89,10 +89,9 @@ class Human(StrictConfig):
         """Ways of one demonstration."""
         habits = Habits.draw(rng, self.variety)
         reaction = int(rng.integers(min(1, self.reaction_steps), self.reaction_steps + 1))
-        # Who reacts late approaches with care, or would swing about the goal for ever.
         return replace(
             habits,
-            pace=replace(habits.pace, gain=habits.pace.gain / (1 + _CARE * reaction)),
+            pace=replace(habits.pace, gain=habits.pace.gain / (1 + self.care * reaction)),
             reaction_steps=reaction,
             grasp_yaw_rad=rng.uniform(-self.grasp_yaw_rad, self.grasp_yaw_rad),
         )
