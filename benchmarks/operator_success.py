@@ -12,6 +12,7 @@ from collections import Counter
 from statistics import fmean
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from juicer.demonstration.log import OperatorLog
@@ -19,6 +20,7 @@ from juicer.demonstration.recording import recordings
 from juicer.evaluation import wilson_interval
 from juicer.expert.operator import scripted_operators
 from juicer.expert.temperament import Temperament
+from juicer.gripper import gripper_commands
 from juicer.tasks.registry import get_task
 
 STILL_M_S, STILL_RAD_S = 0.01, 0.1
@@ -47,11 +49,19 @@ def main() -> None:
     print_table(options.task, options.randomness, logs, time.perf_counter() - begin)
 
 
-def still_share(log: OperatorLog) -> float:
-    """Share of the steps that are not idle in which the end effector hardly moves."""
+def is_still(log: OperatorLog) -> NDArray[np.bool_]:
+    """At which of the steps that are not idle the end effector hardly moves ``(T,)``."""
     velocity = np.asarray(log.steps["proprioception"][~log.idle, 9:15])
     speed, spin = np.linalg.norm(velocity[:, :3], axis=1), np.linalg.norm(velocity[:, 3:], axis=1)
-    return float(((speed < STILL_M_S) & (spin < STILL_RAD_S)).mean())
+    return np.asarray((speed < STILL_M_S) & (spin < STILL_RAD_S))
+
+
+def waits_before_grasps(log: OperatorLog) -> list[int]:
+    """For each command to close the gripper: how many steps in a row, up to its own, the end effector stood still."""
+    still = is_still(log)
+    closes = np.flatnonzero(np.diff(gripper_commands(log.steps["action"][~log.idle]), prepend=-1.0) > 0)
+    moving = np.flatnonzero(~still)
+    return [int(step - max(moving[moving <= step], default=-1)) for step in closes]
 
 
 def print_table(task: str, randomness: str, logs: list[OperatorLog], seconds: float) -> None:
@@ -64,9 +74,14 @@ def print_table(task: str, randomness: str, logs: list[OperatorLog], seconds: fl
     if successes:
         lengths = [len(log) for log in successes]
         idle = fmean(float(log.idle.mean()) for log in successes)
-        still = fmean(still_share(log) for log in successes)
+        still = fmean(float(is_still(log).mean()) for log in successes)
+        waits = [steps for log in successes for steps in waits_before_grasps(log)]
         print(f"  steps           {fmean(lengths):6.0f}  ({min(lengths)} to {max(lengths)}, {idle:.1%} of them idle)")
         print(f"  standing still  {still:6.1%}  (of the steps that are not idle)")
+        long = fmean(steps > 2 for steps in waits)
+        print(
+            f"  before a grasp  {fmean(waits):6.1f}  (steps of standing still; more than two in {long:.0%} of grasps)"
+        )
     reached = Counter(name for log in logs for name in log.milestones)
     for name in get_task(task).milestones:
         steps = [log.milestones[name] for log in logs if name in log.milestones]
