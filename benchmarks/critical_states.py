@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from juicer.annotation.propose import AnnotationConfig, propose
 from juicer.demonstration.ingestion import Ingestion, IngestionConfig, steps_to_keep
 from juicer.demonstration.recording import record_demonstration
-from juicer.expert.operator import ScriptedOperator, ScriptedStep
+from juicer.expert.hand import ScriptedStep
+from juicer.expert.operator import ScriptedOperator
 from juicer.seeding import stream
 from juicer.sim.env import AssemblyEnv
 from juicer.tasks.registry import TASK_NAMES

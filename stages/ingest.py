@@ -10,6 +10,7 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.demonstration.ingestion import Demonstration, IngestionConfig, UnusableLog
 from juicer.demonstration.ingestion import ingest as ingest_logs
 from juicer.demonstration.log import SUFFIX
+from juicer.demonstration.recording import minutes_of
 from juicer.episode import Episode
 from juicer.errors import NothingLeft
 from juicer.storage.episodes import write_episodes
@@ -56,10 +57,12 @@ class _Tally:
     def __init__(self) -> None:
         self.recordings: list[Recording] = []
         self._devices: Counter[str] = Counter()
+        self._recorded_steps = 0
 
     def keep(self, results: Iterable[Demonstration | UnusableLog]) -> Iterator[Episode]:
         episodes = 0
         for result in results:
+            self._recorded_steps += result.num_steps
             if isinstance(result, UnusableLog):
                 self.recordings.append(Recording(result.source, reason=result.reason))
                 continue
@@ -90,6 +93,7 @@ class _Tally:
             "steps": steps,
             "idle_steps_dropped": sum(entry.num_dropped for entry in kept),
             "mean_length": steps / len(kept),
+            "operator_minutes": minutes_of(self._recorded_steps),
             "devices": dict(self._devices.most_common(DEVICES_SHOWN)),
             "rejections": {entry.log: entry.reason for entry in rejected[:REJECTIONS_SHOWN]},
         }

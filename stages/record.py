@@ -6,9 +6,10 @@ from pydantic import Field
 
 from juicer.artifacts.manifest import FINDING
 from juicer.config import Seed, StrictConfig
-from juicer.demonstration.log import SUFFIX
-from juicer.demonstration.recording import record_demonstrations
+from juicer.demonstration.recording import minutes_of, record_demonstrations
 from juicer.expert.operator import DEVICE, scripted_operators
+from juicer.expert.steady import Steady
+from juicer.expert.temperament import Temperament
 from juicer.seed_ranges import Purpose, claim
 from juicer.tasks.specification import Randomness
 from juicer.tasks.task_name import TaskName
@@ -30,6 +31,7 @@ class RecordSection(StrictConfig):
         default=0, ge=0, lt=1_000_000, description="position of the first initial state among those for demonstrations"
     )
     seed: Seed = Field(default=0, description="root of the operator's habits")
+    temperament: Temperament = Field(default=Steady(), description="how unlike a machine the operator is")
 
 
 class RecordConfig(RecordSection):
@@ -49,23 +51,26 @@ class RecordConfig(RecordSection):
 def record(context: StageContext, *, config: RecordConfig) -> None:
     """Let the scripted operator assemble, and record it as a human's recording tool would."""
     seeds = claim(Purpose.DEMONSTRATIONS, config.first, config.max_recordings)
-    successes = record_demonstrations(
+    sitting = record_demonstrations(
         context.draft.path,
         config.task,
         config.randomness,
         seeds,
-        scripted_operators(config.seed),
+        scripted_operators(config.seed, config.temperament),
         successes=config.demonstrations,
         workers=context.machine.workers,
         progress=context.progress,
     )
-    recordings = len(list(context.draft.path.glob(f"*{SUFFIX}")))
     context.draft.summary |= {
-        "logs": recordings,
-        "successes": successes,
-        "success_rate": successes / recordings,
+        "logs": sitting.recordings,
+        "successes": sitting.successes,
+        "success_rate": sitting.successes / sitting.recordings,
         "device": DEVICE,
+        "steps": sitting.steps,
+        "idle_steps": sitting.idle_steps,
+        "operator_minutes": minutes_of(sitting.steps),
     }
-    if not successes:
+    if not sitting.successes:
         # Hours of recordings that failed are not made again: what lacks demonstrations is what ingests them.
-        context.draft.summary[FINDING] = f"the scripted operator failed in all of {recordings} recordings"
+        failed = f"the scripted operator failed in all of {sitting.recordings} recordings"
+        context.draft.summary[FINDING] = failed

@@ -78,10 +78,16 @@ class UnusableLog:
     Attributes:
         source: Name of the log.
         reason: Why, as one sentence.
+        num_steps: Steps that an operator spent on it; 0 if it cannot be read, or is a copy of another one.
     """
 
     source: str
     reason: str
+    num_steps: int = 0
+
+
+class _Copy(RejectedLog):
+    """A recording that was there already."""
 
 
 def ingest(
@@ -91,12 +97,8 @@ def ingest(
     ingestion = Ingestion(config)
     kept = 0
     for done, path in enumerate(paths, start=1):
-        source = printable(path.name)
-        try:
-            result: Demonstration | UnusableLog = ingestion.ingest(path, source)
-            kept += 1
-        except RejectedLog as error:
-            result = UnusableLog(source, str(error))
+        result = ingestion.judge(path, printable(path.name))
+        kept += isinstance(result, Demonstration)
         progress(done, len(paths), kept=kept, rejected=done - kept)
         yield result
 
@@ -123,10 +125,17 @@ class Ingestion:
         Raises:
             RejectedLog: With the reason, if the log is no good demonstration of the task.
         """
-        file = LogFile(path)
-        self._check_facts(file.header)
-        self._check_shapes(file.shapes)
-        return self._demonstration(file.read(), source)
+        return self._ingest_file(LogFile(path), source)
+
+    def judge(self, path: Path, source: str) -> Demonstration | UnusableLog:
+        """The same, with a log that is no good as a result."""
+        num_steps = 0
+        try:
+            file = LogFile(path)
+            num_steps = file.num_steps
+            return self._ingest_file(file, source)
+        except RejectedLog as error:
+            return UnusableLog(source, str(error), 0 if isinstance(error, _Copy) else num_steps)
 
     def ingest_log(self, log: OperatorLog, source: str = "") -> Demonstration:
         """The same for a log that is in memory.
@@ -137,6 +146,11 @@ class Ingestion:
         self._check_facts(log)
         self._check_shapes({name: values.shape for name, values in log.arrays.items()})
         return self._demonstration(log, source)
+
+    def _ingest_file(self, file: LogFile, source: str) -> Demonstration:
+        self._check_facts(file.header)
+        self._check_shapes(file.shapes)
+        return self._demonstration(file.read(), source)
 
     def _demonstration(self, log: OperatorLog, source: str) -> Demonstration:
         config = self._config
@@ -151,7 +165,7 @@ class Ingestion:
         recorded = _recorded(log, source)
         identity = recorded.record.episode_id
         if identity in self._sources:
-            raise RejectedLog(f"it is the same recording as '{self._sources[identity]}'")
+            raise _Copy(f"it is the same recording as '{self._sources[identity]}'")
         self._claims.check(log)
         self._sources[identity] = source
         return Demonstration(source, len(log), np.flatnonzero(keep), _without_idle_steps(recorded, keep))

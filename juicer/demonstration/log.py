@@ -127,8 +127,13 @@ class LogFile:
         for name, dtype in _ARRAYS.items():
             _check_header(name, specs[name], dtype)
         self.shapes: Mapping[str, tuple[int, ...]] = {name: specs[name].shape for name in _ARRAYS}
-        if (length := self.shapes["action"][0]) > MOST_STEPS:
-            raise RejectedLog(f"it holds {length:,} steps; a log has at most {MOST_STEPS:,}")
+        if self.num_steps > MOST_STEPS:
+            raise RejectedLog(f"it holds {self.num_steps:,} steps; a log has at most {MOST_STEPS:,}")
+
+    @property
+    def num_steps(self) -> int:
+        """Number of recorded steps, idle ones included."""
+        return self.shapes["action"][0]
 
     def read(self) -> OperatorLog:
         """Unpack the arrays.

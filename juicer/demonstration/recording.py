@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Generator, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from queue import SimpleQueue
@@ -17,6 +18,33 @@ from juicer.episode import EpisodeRecord, Outcome, Source
 from juicer.progress import Progress, silent_progress
 from juicer.sim.env import STEP_S, AssemblyEnv
 from juicer.sim.recorder import EpisodeRecorder
+
+
+@dataclass(frozen=True)
+class Sitting:
+    """What recording demonstrations came to.
+
+    Attributes:
+        recordings: Logs that were written.
+        successes: Those of them in which everything was assembled.
+        steps: Steps of all of them, those of failures and idle ones included.
+        idle_steps: Steps in which the operator was idle.
+    """
+
+    recordings: int = 0
+    successes: int = 0
+    steps: int = 0
+    idle_steps: int = 0
+
+    def with_log(self, log: OperatorLog) -> Sitting:
+        """With another recording."""
+        idle = int(np.count_nonzero(log.idle))
+        return Sitting(self.recordings + 1, self.successes + log.success, self.steps + len(log), self.idle_steps + idle)
+
+
+def minutes_of(steps: int) -> float:
+    """How long an operator sits at so many steps, one every 0.1 s."""
+    return round(steps * STEP_S / 60, 2)
 
 
 def record_demonstration(
@@ -108,7 +136,7 @@ def record_demonstrations(
     successes: int,
     workers: int = 1,
     progress: Progress = silent_progress,
-) -> int:
+) -> Sitting:
     """Write operator logs into a folder until enough of them are successes; failures are kept too, and marked.
 
     Args:
@@ -122,18 +150,18 @@ def record_demonstrations(
         progress: Called for every success.
 
     Returns:
-        The number of successes, fewer than wanted if the seeds did not suffice.
+        What it came to, with fewer successes than wanted if the seeds did not suffice.
 
     Raises:
         ConfigError: If the task is unknown, or the operator has not learned it.
     """
-    achieved = 0
+    sitting = Sitting()
     logs = recordings(task, randomness, seeds, operator_of, workers=workers)
-    for made, log in enumerate(logs, start=1):
+    for log in logs:
         write_log(folder / f"{log.seed:08d}{SUFFIX}", log)
-        achieved += log.success
-        progress(achieved, successes, recordings=made, steps=len(log))
-        if achieved >= successes:
+        sitting = sitting.with_log(log)
+        progress(sitting.successes, successes, recordings=sitting.recordings, steps=len(log))
+        if sitting.successes >= successes:
             logs.close()
             break
-    return achieved
+    return sitting

@@ -76,7 +76,8 @@ class Corner:
         across = np.array([self._habits.rim_offset_m, 0.0, handling.rim_m]) if handling.rim_m else np.zeros(3)
         position = base.position + base.rotation @ across
         position[2] = self._height()
-        return Pose(position, downward(self.yaw(sight) + handling.end_effector_yaw_rad))
+        turn = self._habits.turn(handling.symmetry_rad)
+        return Pose(position, downward(self.yaw(sight) + handling.end_effector_yaw_rad + turn))
 
     def _holds(self, sight: Sight) -> bool:
         return self._handling.width_m - 0.002 < sight.width < self._handling.width_m + 0.003

@@ -31,6 +31,9 @@ class Habits:
         screw_offset_m: Height of the grasp for a stroke over the usual one.
         fumbles: Parts, by index, for which the end effector closes too early once, on nothing.
         fumble_m: How far its fingers are above the part then.
+        grasp_yaw_rad: How far the end effector is turned from its usual grasp of a part that stands, to the next turn
+            at which the part looks the same.
+        reaction_steps: How many steps ago that was seen which the operator acts on.
     """
 
     pace: Pace
@@ -45,22 +48,38 @@ class Habits:
     screw_offset_m: float
     fumbles: frozenset[int]
     fumble_m: float
+    grasp_yaw_rad: float = 0.0
+    reaction_steps: int = 0
 
     @classmethod
-    def draw(cls, rng: np.random.Generator) -> Habits:
-        """Habits for one demonstration."""
+    def draw(cls, rng: np.random.Generator, variety: float = 1.0) -> Habits:
+        """Habits for one demonstration.
+
+        Args:
+            rng: Source of the habits.
+            variety: How much wider than usual the choice is where a task leaves one.
+        """
+
+        def choice(low: float, high: float) -> float:
+            wider = 0.5 * (variety - 1) * (high - low)
+            return rng.uniform(low - wider, high + wider)
+
         return cls(
             pace=Pace(lead_m=rng.uniform(0.016, 0.022), lead_rad=rng.uniform(0.22, 0.32)),
-            clearance_m=rng.uniform(0.055, 0.075),
+            clearance_m=choice(0.055, 0.075),
             rim_height_m=rng.uniform(0.020, 0.024),
-            rim_offset_m=rng.uniform(-0.010, 0.010),
+            rim_offset_m=choice(-0.010, 0.010),
             # Less, and over the hole the wrist comes to its limit, where it no longer follows its target.
             tilt_rad=math.radians(rng.uniform(50, 53)),
-            pick_offset_m=rng.uniform(-0.0025, 0.0025),
+            pick_offset_m=choice(-0.0025, 0.0025),
             pick_height_m=rng.uniform(0.003, 0.006),
-            lift_m=rng.uniform(0.055, 0.070),
-            via=(rng.uniform(0.50, 0.55), rng.uniform(0.10, 0.14), rng.uniform(0.145, 0.165)),
+            lift_m=choice(0.055, 0.070),
+            via=(choice(0.50, 0.55), choice(0.10, 0.14), choice(0.145, 0.165)),
             screw_offset_m=rng.uniform(-0.002, 0.002),
             fumbles=frozenset(np.flatnonzero(rng.random(_MOST_PARTS) < _FUMBLING).tolist()),
             fumble_m=rng.uniform(0.0, 0.03),
         )
+
+    def turn(self, symmetry_rad: float) -> float:
+        """How far the grasp of a part is turned from the usual one, whose fingers fit at every ``symmetry_rad``."""
+        return symmetry_rad * round(self.grasp_yaw_rad / symmetry_rad)

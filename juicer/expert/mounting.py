@@ -228,7 +228,8 @@ class Mounting:
         axis = part.rotation[:, 1]
         if not handling.lies:
             flat = heading(part.rotation[:, 0]) + handling.flat_rad
-            yaw = EASY_YAW_RAD + wrapped(flat - EASY_YAW_RAD, handling.flat_every_rad)
+            turn = self._habits.turn(handling.flat_every_rad)
+            yaw = EASY_YAW_RAD + wrapped(flat - EASY_YAW_RAD, handling.flat_every_rad) + turn
             # One that was knocked over leans on something: the end effector leans with it.
             upwards = axis if axis[2] > 0 else -axis
             return Pose(part.position + handling.pick_m * axis, turned(swing(UP, upwards), downward(yaw)))

@@ -224,6 +224,17 @@ def test_files_are_ingested_one_by_one_and_bad_ones_do_not_stop_the_rest(
         "h.npz": "the file cannot be read: it is not a plain file",
     }
     assert reports == [(done, 8) for done in range(1, 9)]
+    # Somebody sat at the failed recording too.
+    assert [result.num_steps for result in results] == [
+        len(log_with()),
+        0,
+        len(log_with()),
+        len(second_recording),
+        0,
+        0,
+        0,
+        0,
+    ]
 
 
 def test_a_log_of_another_scene_is_named_and_the_others_go_on(log_with: LogFactory, tmp_path: Path):
@@ -244,6 +255,7 @@ def test_a_recording_counts_once_whatever_its_name_and_its_header(log_with: LogF
     first, *others = ingest(sorted(tmp_path.iterdir()), CONFIG)
     assert isinstance(first, Demonstration)
     assert [other.reason for other in others] == ["it is the same recording as 'a.npz'"] * 2
+    assert [other.num_steps for other in others] == [0, 0]
 
 
 def test_a_name_that_would_steer_a_terminal_is_escaped(tmp_path: Path):

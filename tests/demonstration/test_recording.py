@@ -10,16 +10,17 @@ import pytest
 
 from juicer.demonstration.ingestion import Ingestion, IngestionConfig
 from juicer.demonstration.log import OperatorLog, read_log
-from juicer.demonstration.recording import record_demonstration, record_demonstrations, recordings
+from juicer.demonstration.recording import minutes_of, record_demonstration, record_demonstrations, recordings
 from juicer.errors import ConfigError
-from juicer.expert.operator import DEVICE, ScriptedOperator, Temperament, scripted_operators
+from juicer.expert.operator import DEVICE, ScriptedOperator, scripted_operators
+from juicer.expert.steady import Steady
 from juicer.gripper import gripper_commands
 from juicer.seeding import stream
 from juicer.sim.env import AssemblyEnv
 from juicer.sim.scene import home_xy
 from juicer.tasks.registry import get_task
 
-HESITANT = Temperament(hesitation=1.0)
+HESITANT = Steady(hesitation=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -102,12 +103,21 @@ def test_demonstrations_are_written_until_enough_succeed_whatever_the_workers(tm
     together = record_demonstrations(
         tmp_path / "2", "one_leg", "low", range(5), scripted_operators(), successes=1, workers=2
     )
-    assert alone == together == 1
+    assert alone == together
+    assert alone.successes == 1
     assert reports[-1] == 1
     first, second = sorted((tmp_path / "1").iterdir()), sorted((tmp_path / "2").iterdir())
     assert [path.name for path in first] == [path.name for path in second]
     assert first[-1].read_bytes() == second[-1].read_bytes()
     assert read_log(first[-1]).success
+    logs = [read_log(path) for path in first]
+    assert alone.recordings == len(logs)
+    assert alone.steps == sum(map(len, logs))
+    assert alone.idle_steps == sum(int(log.idle.sum()) for log in logs)
+
+
+def test_operators_sit_for_a_tenth_of_a_second_a_step():
+    assert minutes_of(6000) == 10.0
 
 
 @pytest.mark.slow

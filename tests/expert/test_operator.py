@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from juicer.expert.operator import ScriptedOperator, Temperament
+from juicer.expert.operator import ScriptedOperator
+from juicer.expert.steady import Steady
 from juicer.geometry import rot6d_to_matrix
 from juicer.sim.env import AssemblyEnv
 
 
-def work(seed: int, steps: int = 25, temperament: Temperament | None = None) -> np.ndarray:
+def work(seed: int, steps: int = 25, temperament: Steady | None = None) -> np.ndarray:
     env = AssemblyEnv()
     observation, _ = env.reset(seed=3)
     operator = ScriptedOperator(env.task, np.random.default_rng(seed), temperament)
@@ -26,8 +27,8 @@ def test_the_same_stream_gives_the_same_actions_and_another_gives_others():
 
 
 def test_tremor_is_as_large_as_it_is_said_to_be():
-    shaking = Temperament(hesitation=0.0)
-    steady = Temperament(tremor_m=0.0, tremor_rad=0.0, hesitation=0.0)
+    shaking = Steady(hesitation=0.0)
+    steady = Steady(tremor_m=0.0, tremor_rad=0.0, hesitation=0.0)
     first = [work(seed, 1, shaking)[0, :3] - work(seed, 1, steady)[0, :3] for seed in range(30)]
     # The first step of an autoregressive tremor is smaller than its stationary size.
     assert 0.3e-3 < np.std(first) < 1.0e-3

@@ -21,6 +21,7 @@ from juicer.augmentation.config import ToleranceConfig
 from juicer.config import read_mapping
 from juicer.demonstration.ingestion import IngestionConfig
 from juicer.demonstration.log import write_log
+from juicer.demonstration.recording import Sitting, minutes_of
 from juicer.episode import SIMULATOR, Outcome, Role, Schema
 from juicer.errors import (
     ArtifactError,
@@ -143,6 +144,7 @@ def test_ingest_counts_what_it_keeps_and_names_what_it_rejects(loop, logs, tmp_p
     facts = summary(loop, ref)
     assert (facts["logs"], facts["episodes"], facts["rejected"]) == (3, 2, 1)
     assert "truncated or no operator log" in facts["rejections"]["broken.npz"]
+    assert facts["operator_minutes"] == minutes_of(facts["steps"] + facts["idle_steps_dropped"])
     with pytest.raises(NothingLeft, match="no demonstration is left of 1 operator logs; the first reason: the file"):
         ingest(loop.session, files=(broken,), config=INGEST)
 
@@ -262,6 +264,7 @@ def test_an_operator_who_always_fails_is_not_asked_again(loop, monkeypatch):
     monkeypatch.setattr("stages.record.record_demonstrations", write_a_failure)
     logs = record(loop.session, config=RecordConfig(**SCENE, demonstrations=1, max_recordings=1, seed=1))
     assert summary(loop, logs)["finding"] == "the scripted operator failed in all of 1 recordings"
+    assert summary(loop, logs)["operator_minutes"] == 1.0
     monkeypatch.undo()
     assert record(loop.session, config=RecordConfig(**SCENE, demonstrations=1, max_recordings=1, seed=1)) == logs
     with pytest.raises(NothingLeft, match="no demonstration is left of 1 operator logs"):
@@ -270,7 +273,7 @@ def test_an_operator_who_always_fails_is_not_asked_again(loop, monkeypatch):
 
 def write_a_failure(folder, *arguments, **settings):
     (folder / "00000000.npz").write_bytes(b"a failure")
-    return 0
+    return Sitting(recordings=1, steps=600)
 
 
 def test_attempts_that_gave_no_snippet_are_not_made_again(loop):
