@@ -24,6 +24,7 @@ from juicer.training.config import OriginalStateNoise, PhysicalStateNoise
 from juicer.training.mixing import DatasetConfig
 from stages.augment import AugmentConfig
 from stages.collect import CollectConfig, CollectSection
+from stages.correct import CorrectConfig
 from stages.evaluate import EvaluateConfig, EvaluateSection
 from stages.record import RecordConfig, RecordSection
 from stages.select import SelectConfig
@@ -56,6 +57,7 @@ class LoopConfig(StrictConfig):
         rounds: Turns of collect, select, train in the conditions that collect and have no number of their own.
         collect: Rollouts of a turn.
         select: Which of them are kept.
+        correct: How many of the others an operator finishes, in the conditions that ask for it.
         evaluate: The final measurement.
         mix: By task, the loops whose data a model for several tasks is trained on.
     """
@@ -78,6 +80,7 @@ class LoopConfig(StrictConfig):
     rounds: int = Field(default=1, gt=0, le=MOST_ROUNDS)
     collect: CollectSection = CollectSection()
     select: SelectConfig = SelectConfig()
+    correct: CorrectConfig = CorrectConfig()
     evaluate: EvaluateSection = EvaluateSection()
     mix: dict[TaskName, LoopConfig] = Field(default={}, max_length=len(TASK_NAMES))
 

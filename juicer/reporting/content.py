@@ -95,6 +95,23 @@ class DatasetSize:
 
 
 @dataclass(frozen=True)
+class Effort:
+    """What a condition cost a human, and what its turns of collect, select, train brought.
+
+    Attributes:
+        condition: Title of the condition.
+        minutes: Human minutes by what they were spent on (demonstrations, labels, corrections), means over its models.
+        rate: Average success rate of its models in the end.
+        rounds: Average success rate in the rollouts of each turn, with its 95 % interval: average, low, high.
+    """
+
+    condition: str
+    minutes: Mapping[str, float]
+    rate: float
+    rounds: tuple[tuple[float, float, float], ...] = ()
+
+
+@dataclass(frozen=True)
 class LineageNode:
     """An artifact.
 
@@ -271,6 +288,7 @@ class ReportData:
         augmentations: Yield of each augmentation.
         estimators: Errors of each estimator whose estimates a policy acts on.
         datasets: Training data by condition.
+        efforts: Human minutes, and the rate of every round, by condition.
         videos: A success, a typical failure.
         models: Every model with every episode of its evaluation.
         lineage: The artifacts behind the results, parents in any order.
@@ -291,6 +309,7 @@ class ReportData:
     augmentations: tuple[AugmentationYield, ...] = ()
     estimators: tuple[EstimatorErrors, ...] = ()
     datasets: tuple[DatasetSize, ...] = ()
+    efforts: tuple[Effort, ...] = ()
     videos: tuple[EpisodeVideo, ...] = ()
     models: tuple[EvaluatedModel, ...] = ()
     lineage: tuple[LineageNode, ...] = ()

@@ -49,6 +49,7 @@ def gather(
         augmentations=tuple(sources.augmentations()),
         estimators=tuple(sources.estimators()),
         datasets=tuple(sources.datasets()),
+        efforts=tuple(sources.efforts()),
         videos=videos,
         models=tuple(sources.models()),
         lineage=tuple(sources.lineage(evaluations)),

@@ -46,6 +46,7 @@ _RECORDS = pa.schema(
         "milestones": MILESTONES,
         "policy": pa.string(),
         "parent": pa.string(),
+        "parent_step": pa.int32(),
         "critical_state": pa.int32(),
         "device": pa.string(),
         "operator": pa.string(),
@@ -54,11 +55,14 @@ _RECORDS = pa.schema(
     }
 )
 
-_ADDED = ("episode_id", "operator", "recorded_at", "log")
+_LATER = ("parent_step",)
+"""Columns that the second version had not at first."""
+_ADDED = ("episode_id", "operator", "recorded_at", "log", *_LATER)
+_EARLIER_RECORDS = pa.schema([field for field in _RECORDS if field.name not in _LATER])
 _FIRST_RECORDS = pa.schema(
     [pa.field("episode", pa.int32()), *(field for field in _RECORDS if field.name not in _ADDED)]
 )
-_OPTIONAL = ("policy", "parent", "critical_state", "device", "operator", "recorded_at", "log")
+_OPTIONAL = ("policy", "parent", "parent_step", "critical_state", "device", "operator", "recorded_at", "log")
 
 _MANY = 10_000
 """Ids among which no similar one is looked for."""
@@ -156,7 +160,8 @@ class EpisodeReader:
         names = [field.name for field in fields(EpisodeRecord)]
         is_first = self._version == 1
         optional = _ADDED + _OPTIONAL if is_first else _OPTIONAL
-        rows = read_table(self.folder / "episodes.parquet", _RECORDS, optional, _FIRST_RECORDS if is_first else None)
+        older = _FIRST_RECORDS if is_first else _EARLIER_RECORDS
+        rows = read_table(self.folder / "episodes.parquet", _RECORDS, optional, older)
         if [row["length"] for row in rows] != self.lengths.tolist():
             raise self._arrays.refusal("its table and its arrays are of different episodes")
         try:

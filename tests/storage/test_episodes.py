@@ -198,12 +198,22 @@ def test_episodes_of_the_first_layout_are_still_read(tmp_path: Path, episode_fac
     group = zarr.open_group(tmp_path / "episodes.zarr")
     group.attrs.put({"task": "one_leg", "schema_version": 1})
     path = tmp_path / "episodes.parquet"
-    table = pq.read_table(path).drop_columns(["episode_id", "operator", "recorded_at", "log"])
+    table = pq.read_table(path).drop_columns(["episode_id", "operator", "recorded_at", "log", "parent_step"])
     pq.write_table(table.add_column(0, "episode", pa.array([0, 1], pa.int32())), path)
     reader = EpisodeReader(tmp_path)
     assert reader.records == [episode.record for episode in written]
     np.testing.assert_array_equal(reader.read(1).state(9), written[1].final["sim_state"])
     np.testing.assert_array_equal(reader.steps("action")[4:], written[1].steps["action"])
+
+
+def test_episodes_from_before_there_were_corrections_are_still_read(
+    tmp_path: Path, episode_factory: EpisodeFactory
+) -> None:
+    written = [episode_factory(length, seed=length) for length in (4, 9)]
+    write_episodes(tmp_path, written, {"task": "one_leg"})
+    path = tmp_path / "episodes.parquet"
+    pq.write_table(pq.read_table(path).drop_columns(["parent_step"]), path)
+    assert EpisodeReader(tmp_path).records == [episode.record for episode in written]
 
 
 def test_no_file_of_stored_episodes_can_vanish_unnoticed(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
