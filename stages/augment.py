@@ -52,7 +52,8 @@ def augment(
         num_workers=context.machine.workers,
         progress=context.progress,
     )
-    summary = AugmentationSummary(get_task(demonstrations.records[0].task).critical_state_names)
+    task = get_task(demonstrations.records[0].task)
+    summary = AugmentationSummary([task.name_of(state) for state in (*task.critical_states, *task.further_grasps)])
     # Hundreds of attempts without a snippet are not made again.
     write_episodes(context.draft.path, summary.keep(attempts), {"source": "augmentation"}, may_be_empty=True)
     facts = summary.as_json()
