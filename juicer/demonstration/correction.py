@@ -35,7 +35,12 @@ class CorrectionConfig(StrictConfig):
     lead_steps: int = Field(
         default=20, gt=0, le=100_000, description="steps before the failure at which the operator does so at the latest"
     )
-    max_steps: int = Field(default=600, gt=0, le=100_000, description="steps after which the operator gives up")
+    max_steps: int | None = Field(
+        default=None,
+        gt=0,
+        le=1_000_000,
+        description="steps after which the operator gives up; the task's limit if empty",
+    )
 
 
 @dataclass(frozen=True)
@@ -116,8 +121,9 @@ def take_over(env: AssemblyEnv, rollout: Episode, operators: OperatorFactory, co
     start, origin = takeover_step(rollout, config), rollout.record
     env.set_state(rollout.state(start))
     operator, recorder = operators(env.task, origin.seed), EpisodeRecorder(env)
+    limit = config.max_steps or env.task.max_steps
     idle: list[bool] = []
-    while not recorder.done and len(recorder) < config.max_steps:
+    while not recorder.done and len(recorder) < limit:
         step = operator.act(recorder.observation)
         recorder.step(step.action)
         idle.append(step.idle)
