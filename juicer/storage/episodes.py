@@ -26,8 +26,8 @@ from juicer.storage.columns import ColumnReader
 from juicer.storage.tables import MILESTONES, read_table, write_table
 from juicer.text import printable
 
-SCHEMA_VERSION = 2
-"""The first had the arrays of :data:`juicer.episode.SIMULATOR` and no ids; it is still read."""
+SCHEMA_VERSION = 3
+"""The first had the arrays of :data:`juicer.episode.SIMULATOR` and no ids, the second no corrections; both are read."""
 CHUNK_BYTES = 2**22
 MOST_CHUNK_STEPS = 2048
 """A chunk holds as many steps as there is room for, so that an episode touches few chunks of any array; and no more
@@ -55,13 +55,12 @@ _RECORDS = pa.schema(
     }
 )
 
-_LATER = ("parent_step",)
-"""Columns that the second version had not at first."""
-_ADDED = ("episode_id", "operator", "recorded_at", "log", *_LATER)
-_EARLIER_RECORDS = pa.schema([field for field in _RECORDS if field.name not in _LATER])
+_ADDED = ("episode_id", "operator", "recorded_at", "log")
+_SECOND_RECORDS = pa.schema([field for field in _RECORDS if field.name != "parent_step"])
 _FIRST_RECORDS = pa.schema(
-    [pa.field("episode", pa.int32()), *(field for field in _RECORDS if field.name not in _ADDED)]
+    [pa.field("episode", pa.int32()), *(field for field in _SECOND_RECORDS if field.name not in _ADDED)]
 )
+_OLDER = {1: _FIRST_RECORDS, 2: _SECOND_RECORDS}
 _OPTIONAL = ("policy", "parent", "parent_step", "critical_state", "device", "operator", "recorded_at", "log")
 
 _MANY = 10_000
@@ -160,8 +159,7 @@ class EpisodeReader:
         names = [field.name for field in fields(EpisodeRecord)]
         is_first = self._version == 1
         optional = _ADDED + _OPTIONAL if is_first else _OPTIONAL
-        older = _FIRST_RECORDS if is_first else _EARLIER_RECORDS
-        rows = read_table(self.folder / "episodes.parquet", _RECORDS, optional, older)
+        rows = read_table(self.folder / "episodes.parquet", _RECORDS, optional, _OLDER.get(self._version))
         if [row["length"] for row in rows] != self.lengths.tolist():
             raise self._arrays.refusal("its table and its arrays are of different episodes")
         try:
@@ -267,7 +265,7 @@ class EpisodeReader:
     def _read_schema(self) -> Schema:
         if self._version == 1:
             return SIMULATOR
-        if self._version != SCHEMA_VERSION:
+        if self._version not in (*_OLDER, SCHEMA_VERSION):
             raise ArtifactError(
                 f"episodes in '{self.folder}' have schema version {printable(self._version)}; "
                 f"this juicer reads {SCHEMA_VERSION}"

@@ -211,6 +211,8 @@ def test_episodes_from_before_there_were_corrections_are_still_read(
 ) -> None:
     written = [episode_factory(length, seed=length) for length in (4, 9)]
     write_episodes(tmp_path, written, {"task": "one_leg"})
+    group = zarr.open_group(tmp_path / "episodes.zarr")
+    group.attrs.put({**group.attrs.asdict(), "schema_version": 2})
     path = tmp_path / "episodes.parquet"
     pq.write_table(pq.read_table(path).drop_columns(["parent_step"]), path)
     assert EpisodeReader(tmp_path).records == [episode.record for episode in written]
