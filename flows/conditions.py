@@ -66,6 +66,9 @@ class Condition(StrictConfig):
     )
     augment: bool = Field(default=False, description="whether corrective episodes are added")
     collect: bool = Field(default=False, description="whether it retrains on its own successes")
+    correct: bool = Field(
+        default=False, description="whether an operator also finishes some of the rollouts that failed (DAgger)"
+    )
     rounds: int | None = Field(
         default=None, gt=0, le=MOST_ROUNDS, description="how often it does; as the top level says if left out"
     )
@@ -76,6 +79,8 @@ class Condition(StrictConfig):
     def _makes_sense(self) -> Self:
         if self.replay and (self.augment or self.collect or self.state_noise or self.joint_policy):
             raise ValueError("what replays trains nothing: leave out augment, collect, state_noise and joint_policy")
+        if self.correct and not self.collect:
+            raise ValueError("what is corrected are rollouts: add collect: true, or leave out correct")
         if self.rounds and not self.collect:
             raise ValueError("rounds are those of a condition that collects: add collect: true, or leave them out")
         return self

@@ -14,6 +14,7 @@ from flows.loop_config import LoopConfig
 from flows.stopping import measure
 from juicer.artifacts.manifest import STATE
 from juicer.artifacts.ref import ArtifactRef
+from juicer.augmentation.config import UniformPlacement
 from juicer.demonstration.log import SUFFIX
 from juicer.errors import ArtifactNotFound, ConfigError
 from juicer.policy.config import PolicyConfig
@@ -23,6 +24,7 @@ from juicer.views import View
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import collect
+from stages.correct import correct
 from stages.dataset import dataset
 from stages.encode import EncodeConfig, encode
 from stages.estimate import EstimateConfig, estimate
@@ -63,8 +65,24 @@ class ModelOutcome:
     shifted: Mapping[str, ArtifactRef | None] = field(default_factory=dict)
 
 
-_Selected = tuple[ArtifactRef, ArtifactRef]
-"""Rollouts, and a selection of them."""
+@dataclass(frozen=True)
+class _Gained:
+    """What the turns of collect, select, train have brought so far.
+
+    Attributes:
+        rollouts: All rollouts of the model's predecessors.
+        selections: Those of which some are kept, and which.
+        corrections: What an operator has made of others.
+    """
+
+    rollouts: tuple[ArtifactRef, ...] = ()
+    selections: tuple[tuple[ArtifactRef, ArtifactRef], ...] = ()
+    corrections: tuple[ArtifactRef, ...] = ()
+
+    @property
+    def learned(self) -> tuple[tuple[ArtifactRef, ...], ...]:
+        """Episodes, each with the selection of it if there is one."""
+        return (*((ref,) for ref in self.corrections), *self.selections)
 
 
 @dataclass(frozen=True)
@@ -75,17 +93,22 @@ class _Data:
         loop: The loop of its task.
         session: Session of the last turn of collect, select, train.
         demonstrations: What it begins with.
-        episodes: These and corrective episodes.
-        selections: Rollouts of the model's predecessors, and which of them are kept.
-        findings: Why there are no more of these.
+        corrective: Corrective episodes grown from these, if there are any.
+        gained: What its predecessors have brought.
+        findings: Why there is no more of it.
     """
 
     loop: LoopConfig
     session: Session
     demonstrations: ArtifactRef
-    episodes: tuple[ArtifactRef, ...]
-    selections: tuple[_Selected, ...] = ()
+    corrective: tuple[ArtifactRef, ...] = ()
+    gained: _Gained = _Gained()
     findings: tuple[str, ...] = ()
+
+    @property
+    def learned(self) -> tuple[tuple[ArtifactRef, ...], ...]:
+        """Episodes, each with the selection of it if there is one."""
+        return (*((ref,) for ref in (self.demonstrations, *self.corrective)), *self.gained.learned)
 
 
 def run_model(session: Session, config: RunConfig, name: str, seed: int) -> ModelOutcome:
@@ -178,12 +201,12 @@ def _train_jointly(
 def _train(session: Session, config: LoopConfig, training: TrainConfig, gathered: Iterable[_Data]) -> ArtifactRef:
     """A model trained on all that was gathered, and on the images that it looks at."""
     gathered = tuple(gathered)
-    selected = [each for data in gathered for each in data.selections]
-    learned = [*((ref,) for data in gathered for ref in data.episodes), *selected]
+    # Whole episodes first, then those of which a selection is kept; the split into families goes by this order.
+    learned = sorted((each for data in gathered for each in data.learned), key=len)
     mixed = dataset(
         session,
         episodes=tuple(episodes for episodes, *_ in learned),
-        selections=tuple(selection for _, selection in selected),
+        selections=tuple(selection for _, *selections in learned for selection in selections),
         columns=tuple(column for each in learned for column in _columns(session, training.policy, *each)),
         config=config.dataset,
     )
@@ -211,16 +234,36 @@ def _gather(session: Session, config: LoopConfig, condition: Condition, seed: in
     training = config.training(condition, seed)
     demonstrations = get_demonstrations(session, config)
     data = _data(session, config, demonstrations, config.augment if condition.augment else None)
+    noted: tuple[str, ...] = ()
     for turn in range(1, config.turns(condition) + 1):
         checkpoint = _train(data.session, config, training, [data])
         session = session.for_round(turn)
         rollouts = collect(session, checkpoint=checkpoint, config=config.collection(seed, turn))
-        selection = select(session, episodes=rollouts, config=config.select)
-        if finding := _findings(session, selection):
-            return replace(data, findings=(*data.findings, *finding))
+        gained, findings = _gain(session, config, condition, data.gained, rollouts)
+        noted += findings
+        if gained.learned == data.gained.learned:
+            break
         augmentation = (config.augment_retraining or config.augment) if condition.augment else None
-        data = _data(session, config, demonstrations, augmentation, (*data.selections, (rollouts, selection)))
-    return data
+        data = _data(session, config, demonstrations, augmentation, gained)
+    return replace(data, findings=(*data.findings, *noted))
+
+
+def _gain(
+    session: Session, config: LoopConfig, condition: Condition, gained: _Gained, rollouts: ArtifactRef
+) -> tuple[_Gained, tuple[str, ...]]:
+    """What there is with a turn's rollouts, and why they brought less than they should."""
+    gained = replace(gained, rollouts=(*gained.rollouts, rollouts))
+    selection = select(session, episodes=rollouts, config=config.select)
+    findings = _findings(session, selection)
+    if not findings:
+        gained = replace(gained, selections=(*gained.selections, (rollouts, selection)))
+    if condition.correct:
+        corrections = correct(session, episodes=rollouts, config=config.correct)
+        if none := _findings(session, corrections):
+            findings += none
+        else:
+            gained = replace(gained, corrections=(*gained.corrections, corrections))
+    return gained, findings
 
 
 def _findings(session: Session, ref: ArtifactRef) -> tuple[str, ...]:
@@ -276,16 +319,20 @@ def _data(
     config: LoopConfig,
     demonstrations: ArtifactRef,
     augmentation: AugmentConfig | None,
-    selections: tuple[_Selected, ...] = (),
+    gained: _Gained = _Gained(),
 ) -> _Data:
-    """Demonstrations, what models have achieved themselves, and corrective episodes if any are wanted and found."""
+    """Demonstrations, what models have brought, and corrective episodes if any are wanted and found."""
+    data = _Data(config, session, demonstrations, gained=gained)
     if augmentation is None:
-        return _Data(config, session, demonstrations, (demonstrations,), selections)
+        return data
     annotations = annotate(session, episodes=demonstrations, labels=config.labels, config=config.annotate)
-    corrective = augment(session, episodes=demonstrations, annotations=annotations, config=augmentation)
-    if findings := _findings(session, corrective):
-        return _Data(config, session, demonstrations, (demonstrations,), selections, findings)
-    return _Data(config, session, demonstrations, (demonstrations, corrective), selections)
+    # Drawn uniformly they are the same in every turn.
+    rollouts = () if isinstance(augmentation.placement, UniformPlacement) else gained.rollouts
+    corrective = augment(
+        session, episodes=demonstrations, annotations=annotations, rollouts=rollouts, config=augmentation
+    )
+    findings = _findings(session, corrective)
+    return replace(data, corrective=() if findings else (corrective,), findings=findings)
 
 
 def _estimators(data: _Data, policy: PolicyConfig) -> Iterator[ArtifactRef]:

@@ -27,6 +27,7 @@ from juicer.training.config import OriginalStateNoise, PhysicalStateNoise
 from juicer.training.mixing import DatasetConfig
 from stages.augment import AugmentConfig
 from stages.collect import CollectConfig, CollectSection
+from stages.correct import CorrectConfig
 from stages.evaluate import EvaluateConfig
 from stages.record import RecordConfig, RecordSection
 from stages.select import SelectConfig
@@ -59,6 +60,7 @@ class LoopConfig(StrictConfig):
         rounds: Turns of collect, select, train in the conditions that collect and have no number of their own.
         collect: Rollouts of a turn.
         select: Which of them are kept.
+        correct: How many of the others an operator finishes, in the conditions that ask for it.
         evaluate: The final measurement.
         analyses: By name, what is to be known of the models beside their success rates.
         shifts: By name, in what else the scene differs from training when every model is measured once more.
@@ -83,6 +85,7 @@ class LoopConfig(StrictConfig):
     rounds: int = Field(default=1, gt=0, le=MOST_ROUNDS)
     collect: CollectSection = CollectSection()
     select: SelectConfig = SelectConfig()
+    correct: CorrectConfig = CorrectConfig()
     evaluate: StoppableSection = StoppableSection()
     analyses: dict[Name, AnyAnalysis] = Field(default={}, max_length=MOST_DEFINITIONS)
     shifts: dict[Name, Shift] = Field(default={}, max_length=MOST_DEFINITIONS)

@@ -194,6 +194,8 @@ class Source(StrEnum):
     TELEOP = "teleop"
     AUGMENTATION = "augmentation"
     ROLLOUT = "rollout"
+    CORRECTION = "correction"
+    """An operator has taken over from a policy, and finished what it could not."""
 
 
 class Outcome(StrEnum):
@@ -218,9 +220,10 @@ class EpisodeRecord:
         parts_assembled: Number of pairs assembled at its end.
         milestones: First step at which each milestone was reached, by name; absent if never reached.
         policy: Id of the checkpoint that acted, for rollouts.
-        parent: Id of the episode it was grown from, for augmentation.
+        parent: Id of the episode it was grown from, for augmentation and corrections.
+        parent_step: Step of that episode at which an operator took over, for corrections.
         critical_state: Index of the critical state it returns to, for augmentation.
-        device: What the operator held, for teleoperation.
+        device: What the operator held, for teleoperation and corrections.
         operator: Who the operator was, as far as the log says.
         recorded_at: When, as the log says it.
         log: Name of the operator log it was ingested from.
@@ -238,6 +241,7 @@ class EpisodeRecord:
     milestones: Mapping[str, int] = field(default_factory=dict)
     policy: str | None = None
     parent: str | None = None
+    parent_step: int | None = None
     critical_state: int | None = None
     device: str | None = None
     operator: str | None = None

@@ -25,14 +25,21 @@ class AugmentConfig(AugmentationConfig):
 
 @stage(
     kind="episodes",
-    inputs={"episodes": "episodes", "annotations": "annotations"},
-    libraries=("mujoco", "numpy", "zarr"),
+    inputs={"episodes": "episodes", "annotations": "annotations", "rollouts": "episodes"},
+    libraries=("mujoco", "numpy", "scipy", "zarr"),
     noun="snippets",
     counts="snippets",
     headline=("yield", "snippets"),
 )
-def augment(context: StageContext, *, episodes: ArtifactRef, annotations: ArtifactRef, config: AugmentConfig) -> None:
-    """Grow demonstrations around their critical states."""
+def augment(
+    context: StageContext,
+    *,
+    episodes: ArtifactRef,
+    annotations: ArtifactRef,
+    rollouts: tuple[ArtifactRef, ...] = (),
+    config: AugmentConfig,
+) -> None:
+    """Grow demonstrations around their critical states; rollouts tell a placement by coverage where policies fail."""
     demonstrations = EpisodeReader(context.store.open(episodes, "episodes"))
     demonstrations.require_state()
     ranges = AugmentationConfig(**{name: getattr(config, name) for name in AugmentationConfig.model_fields})
@@ -41,10 +48,12 @@ def augment(context: StageContext, *, episodes: ArtifactRef, annotations: Artifa
         read_annotations(context.store.open(annotations, "annotations")),
         ranges,
         seed=config.seed,
+        rollouts=[EpisodeReader(context.store.open(ref, "episodes")) for ref in rollouts],
         num_workers=context.machine.workers,
         progress=context.progress,
     )
-    summary = AugmentationSummary(get_task(demonstrations.records[0].task).critical_state_names)
+    task = get_task(demonstrations.records[0].task)
+    summary = AugmentationSummary([task.name_of(state) for state in (*task.critical_states, *task.further_grasps)])
     # Hundreds of attempts without a snippet are not made again.
     write_episodes(context.draft.path, summary.keep(attempts), {"source": "augmentation"}, may_be_empty=True)
     facts = summary.as_json()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from juicer.annotation.labels import Label, find_recording
-from juicer.annotation.propose import AnnotationConfig, propose
+from juicer.annotation.propose import AnnotationConfig, critical_states, propose
 from juicer.episode import DemonstrationReader, Episode, Outcome
 from juicer.errors import InvalidLabels
 from juicer.progress import Progress, silent_progress
@@ -45,7 +45,7 @@ def annotate(
     for label in labels:
         by_episode.setdefault(find_recording(label, demonstrations.records), []).append(label)
     human = {
-        index: _labelled(demonstrations.read(index), found, get_task(task).num_critical_states)
+        index: _labelled(demonstrations.read(index), found, len(critical_states(get_task(task), config)))
         for index, found in by_episode.items()
     }
 
@@ -64,7 +64,7 @@ def _annotate_one(
     known = {row.critical_state for row in labelled}
     rows = list(labelled)
     record = demonstration.record
-    if record.outcome is Outcome.SUCCESS and len(known) < env.task.num_critical_states:
+    if record.outcome is Outcome.SUCCESS and len(known) < len(critical_states(env.task, config)):
         rows += [
             Annotation(record.episode_id, found.step, found.critical_state, "proposed", found.confidence)
             for found in propose(env, demonstration, config)

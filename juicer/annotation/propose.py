@@ -20,7 +20,7 @@ from juicer.geometry import quat_to_matrix, relative_pose, rotation_angle
 from juicer.gripper import gripper_commands, next_gripper_change
 from juicer.sim.clearance import clearance_m
 from juicer.sim.env import AssemblyEnv
-from juicer.tasks.specification import Grasp, Insertion
+from juicer.tasks.specification import AssemblyTask, CriticalState, Grasp, Insertion
 
 # In a clean insertion a held part turns, moves once it is released, and takes time up to the first value;
 # at the second the proposal is worthless. A released part may lean: that is no fault.
@@ -40,6 +40,9 @@ class AnnotationConfig(StrictConfig):
         default=0.06, gt=0, le=10, description="distance from its assembled position within which a part arrives"
     )
     clearance_m: float = Field(default=0.006, gt=0, le=10, description="parts that are closer are about to touch")
+    grasps: bool = Field(
+        default=False, description="whether the grasp of every part is a critical state, beside those of the task"
+    )
     approach_m: float = Field(default=0.02, gt=0, le=10, description="distance from a grasp just before it")
 
 
@@ -49,13 +52,18 @@ class Proposal:
 
     Attributes:
         step: Last step before the grasp or insertion.
-        critical_state: Its index among those of the task.
+        critical_state: Its index, see :func:`critical_states`.
         confidence: How cleanly what follows was done, between zero and one.
     """
 
     step: int
     critical_state: int
     confidence: float
+
+
+def critical_states(task: AssemblyTask, config: AnnotationConfig) -> tuple[CriticalState, ...]:
+    """What is looked for in a demonstration, by index."""
+    return (*task.critical_states, *(task.further_grasps if config.grasps else ()))
 
 
 def propose(env: AssemblyEnv, demonstration: Episode, config: AnnotationConfig) -> list[Proposal]:
@@ -67,7 +75,7 @@ def propose(env: AssemblyEnv, demonstration: Episode, config: AnnotationConfig) 
         config: How to propose.
     """
     proposals = []
-    for index, state in enumerate(env.task.critical_states):
+    for index, state in enumerate(critical_states(env.task, config)):
         if isinstance(state, Insertion):
             found = _propose_insertion(env, demonstration, state, config)
         else:

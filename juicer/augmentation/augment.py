@@ -1,19 +1,21 @@
 """The loop: draw, depart, return, verify, until there are enough snippets of every critical state.
 
-Attempt ``k`` depends on ``stream(seed, "augment", k)`` and on the balance at the start of its block alone.
+Attempt ``k`` depends on ``stream(seed, "augment", k)`` and on what there was at the start of its block alone: the
+balance and, if departures are placed by coverage, the offsets that had been visited.
 Blocks have a fixed size and are judged in the order of attempts, so threads change nothing but the time taken.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import count, groupby
 
 import numpy as np
+from numpy.typing import NDArray
 
-from juicer.augmentation.config import AugmentationConfig
+from juicer.augmentation.config import AugmentationConfig, CoveragePlacement
+from juicer.augmentation.coverage import Coverage, coverages
 from juicer.augmentation.execute import execute, reproduces
 from juicer.augmentation.plan import POSE_SIZE, draw_kind, plan_departure
 from juicer.augmentation.reference import Reference, reference_of
@@ -78,6 +80,7 @@ def augment(
     config: AugmentationConfig,
     *,
     seed: int,
+    rollouts: Sequence[DemonstrationReader] = (),
     num_workers: int | None = None,
     progress: Progress = silent_progress,
 ) -> Iterator[Snippet | FailedAttempt]:
@@ -92,6 +95,7 @@ def augment(
         annotations: Their critical states.
         config: What to make.
         seed: Root of all draws.
+        rollouts: Where policies went and failed; looked at if departures are placed by coverage.
         num_workers: Threads, each with an environment of its own; one a processor if None.
         progress: Called after every attempt: snippets so far of those wanted.
 
@@ -102,7 +106,7 @@ def augment(
     if not references:
         return
     kept = 0
-    for made, attempt in enumerate(_attempts(references, config, seed, num_workers), start=1):
+    for made, attempt in enumerate(_attempts(references, config, seed, rollouts, num_workers), start=1):
         kept += isinstance(attempt, Snippet)
         progress(kept, config.num_snippets, attempts=made)
         yield attempt
@@ -140,30 +144,48 @@ def find_references(
 
 
 def _attempts(
-    references: Sequence[Reference], config: AugmentationConfig, seed: int, num_workers: int | None
+    references: Sequence[Reference],
+    config: AugmentationConfig,
+    seed: int,
+    rollouts: Sequence[DemonstrationReader],
+    num_workers: int | None,
 ) -> Iterator[Snippet | FailedAttempt]:
     by_state: dict[int, list[Reference]] = {}
     for reference in references:
         by_state.setdefault(reference.critical_state, []).append(reference)
     counts = dict.fromkeys(sorted(by_state), 1)
+    placement = config.placement
+    coverage = coverages(by_state, placement, rollouts) if isinstance(placement, CoveragePlacement) else {}
+    known = {(reference.parent, reference.critical_state): reference for reference in references}
 
     def work(env: AssemblyEnv, index: int) -> Snippet | FailedAttempt:
         rng = stream(seed, "augment", index)
-        return attempt_snippet(env, _draw_reference(by_state, counts, rng), config, rng)
+        reference = _draw_reference(by_state, counts, rng)
+        return attempt_snippet(env, reference, config, rng, coverage.get(reference.critical_state))
 
     limit = config.num_snippets * config.max_attempts_per_snippet
     found: set[str] = set()
     with EnvironmentPool(references[0].task, num_workers, max_steps=_NO_STEP_LIMIT) as pool:
         for start in range(0, limit, BLOCK_SIZE):
-            kept: Counter[int] = Counter()
+            kept: dict[int, list[Snippet]] = {state: [] for state in counts}
             for attempt in pool.map(work, range(start, min(start + BLOCK_SIZE, limit))):
                 if isinstance(attempt, Snippet):
                     attempt = _unless_repeated(attempt, found)
-                kept[attempt.critical_state] += isinstance(attempt, Snippet)
+                if isinstance(attempt, Snippet):
+                    kept[attempt.critical_state].append(attempt)
                 yield attempt
             # Only now: attempts of a block must not see each other's results.
-            for state, count in kept.items():
-                counts[state] += count
+            for state, snippets in kept.items():
+                counts[state] += len(snippets)
+                if state in coverage:
+                    coverage[state].visit(_return(snippet, known) for snippet in snippets)
+
+
+def _return(snippet: Snippet, known: Mapping[tuple[str, int], Reference]) -> tuple[NDArray[np.float64], Reference]:
+    """End-effector poses on a snippet's way back, and where it leads to."""
+    reference = known[str(snippet.episode.record.parent), snippet.critical_state]
+    way = len(snippet.episode) - len(reference.actions)
+    return np.asarray(snippet.episode.steps["proprioception"][:way, :POSE_SIZE], dtype=np.float64), reference
 
 
 def _unless_repeated(snippet: Snippet, found: set[str]) -> Snippet | FailedAttempt:
@@ -185,7 +207,11 @@ def _draw_reference(
 
 
 def attempt_snippet(
-    env: AssemblyEnv, reference: Reference, config: AugmentationConfig, rng: np.random.Generator
+    env: AssemblyEnv,
+    reference: Reference,
+    config: AugmentationConfig,
+    rng: np.random.Generator,
+    coverage: Coverage | None = None,
 ) -> Snippet | FailedAttempt:
     """Plan, execute and verify one snippet.
 
@@ -194,9 +220,11 @@ def attempt_snippet(
         reference: Critical state to return to.
         config: Ranges and tolerances.
         rng: Source of the draws.
+        coverage: What has been visited around the critical state; the first departure drawn is made without.
     """
     kind = draw_kind(config.departures, rng)
-    departure = plan_departure(reference.pose, config.departures[kind], rng)
+    drawn = (plan_departure(reference.pose, config.departures[kind], rng) for _ in count())
+    departure = next(drawn) if coverage is None else coverage.choose(drawn, reference)
     result = execute(env, reference, departure)
     if isinstance(result, Episode):
         reason = deviation_from_reference(result, reference, config)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
@@ -81,6 +81,25 @@ class ToleranceConfig(StrictConfig):
     )
 
 
+class UniformPlacement(StrictConfig):
+    """Departures as they are drawn."""
+
+    kind: Literal["uniform"] = "uniform"
+
+
+class CoveragePlacement(StrictConfig):
+    """Of several departures the one that leads where nothing has been yet, rather close to where rollouts failed."""
+
+    kind: Literal["coverage"] = "coverage"
+    candidates: int = Field(default=16, gt=0, le=10_000, description="departures drawn, of which one is made")
+    position_m: float = Field(default=0.005, gt=0, le=10, description="distance of two offsets that counts as 1")
+    rotation_deg: float = Field(default=4.0, gt=0, le=360, description="turn between two offsets that counts as 1")
+
+
+Placement = Annotated[UniformPlacement | CoveragePlacement, Field(discriminator="kind")]
+"""How the departures of snippets are chosen."""
+
+
 class AugmentationConfig(StrictConfig):
     """Which corrective episodes to make, and when to believe one."""
 
@@ -91,6 +110,7 @@ class AugmentationConfig(StrictConfig):
     departures: dict[Annotated[str, Field(min_length=1, max_length=100)], DepartureConfig] = Field(
         default={"near": NEAR, "beside": BESIDE, "far": FAR}, min_length=1, max_length=64
     )
+    placement: Placement = UniformPlacement()
     steps_after_gripper_change: int = Field(
         default=5, gt=0, le=10_000, description="where a snippet ends, after the next gripper change (paper 30)"
     )

@@ -42,6 +42,7 @@ class Reference:
         state: Simulator state at the critical state.
         pose: End-effector pose there ``(9,)``.
         gripper: What the gripper is commanded there: +1 close, -1 open.
+        phase: End-effector poses from the gripper change before it to the one after it ``(N, 9)``.
         actions: The demonstration's actions from there to the end ``(T, 10)``.
         change: What a snippet must show when the gripper's command changes.
         end: What it must show after all actions.
@@ -55,6 +56,7 @@ class Reference:
     state: NDArray[np.float64]
     pose: NDArray[np.float32]
     gripper: float
+    phase: NDArray[np.float32]
     actions: NDArray[np.float32]
     change: Expected
     end: Expected
@@ -75,6 +77,8 @@ def reference_of(demonstration: Episode, step: int, critical_state: int, steps_a
     actions = np.asarray(steps["action"], dtype=np.float32)
     change = next_gripper_change(actions, step)
     change = len(actions) if change is None else change
+    commands = gripper_commands(actions)
+    begin = int(np.flatnonzero(np.append(True, commands[1 : step + 1] != commands[:step]))[-1])
     end = min(change + steps_after_gripper_change, len(actions))
 
     def expected(index: int) -> Expected:
@@ -93,7 +97,8 @@ def reference_of(demonstration: Episode, step: int, critical_state: int, steps_a
         critical_state=critical_state,
         state=demonstration.state(step).copy(),
         pose=np.array(steps["proprioception"][step][:9], dtype=np.float32),
-        gripper=float(gripper_commands(actions)[step]),
+        gripper=float(commands[step]),
+        phase=np.array(steps["proprioception"][begin:change, :9], dtype=np.float32),
         actions=actions[step:end].copy(),
         change=expected(change),
         end=expected(end),

@@ -168,7 +168,7 @@ class Ingestion:
             raise _Copy(f"it is the same recording as '{self._sources[identity]}'")
         self._claims.check(log)
         self._sources[identity] = source
-        return Demonstration(source, len(log), np.flatnonzero(keep), _without_idle_steps(recorded, keep))
+        return Demonstration(source, len(log), np.flatnonzero(keep), without_idle_steps(recorded, keep))
 
     def _check_facts(self, header: LogHeader) -> None:
         if header.task != self._task.name:
@@ -286,7 +286,13 @@ def _recorded(log: OperatorLog, source: str) -> Episode:
     )
 
 
-def _without_idle_steps(recorded: Episode, keep: NDArray[np.bool_]) -> Episode:
+def without_idle_steps(recorded: Episode, keep: NDArray[np.bool_]) -> Episode:
+    """A recording as an episode of the steps to keep; its id remains that of the recording.
+
+    Args:
+        recorded: Every step from the first to the end.
+        keep: Which of them stay ``(T,)``, see :func:`steps_to_keep`.
+    """
     kept_before: NDArray[np.intp] = np.cumsum(keep) - keep
     last = int(np.count_nonzero(keep)) - 1
     steps = {name: values[keep] for name, values in recorded.steps.items()}

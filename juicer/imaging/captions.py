@@ -37,7 +37,8 @@ def describe(record: EpisodeRecord) -> list[str]:
     if record.policy:
         items.append(f"policy {record.policy[:8]}")
     if record.parent:
-        items.append(f"grown from {record.parent}")
+        step = "" if record.parent_step is None else f" at step {record.parent_step}"
+        items.append(f"grown from {record.parent}{step}")
     if record.critical_state is not None:
         items.append(f"returns to critical state {record.critical_state}")
     if record.device:

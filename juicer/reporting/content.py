@@ -116,6 +116,23 @@ class ShownAnalysis:
 
 
 @dataclass(frozen=True)
+class Effort:
+    """What a condition cost a human, and what its turns of collect, select, train brought.
+
+    Attributes:
+        condition: Title of the condition.
+        minutes: Human minutes by what they were spent on (demonstrations, labels, corrections), means over its models.
+        rate: Average success rate of its models in the end.
+        rounds: Average success rate in the rollouts of each turn, with its 95 % interval: average, low, high.
+    """
+
+    condition: str
+    minutes: Mapping[str, float]
+    rate: float
+    rounds: tuple[tuple[float, float, float], ...] = ()
+
+
+@dataclass(frozen=True)
 class LineageNode:
     """An artifact.
 
@@ -294,6 +311,7 @@ class ReportData:
         estimators: Errors of each estimator whose estimates a policy acts on.
         datasets: Training data by condition.
         analyses: What else is known of the policies.
+        efforts: Human minutes, and the rate of every round, by condition.
         videos: A success, a typical failure.
         models: Every model with every episode of its evaluation.
         lineage: The artifacts behind the results, parents in any order.
@@ -316,6 +334,7 @@ class ReportData:
     estimators: tuple[EstimatorErrors, ...] = ()
     datasets: tuple[DatasetSize, ...] = ()
     analyses: tuple[ShownAnalysis, ...] = ()
+    efforts: tuple[Effort, ...] = ()
     videos: tuple[EpisodeVideo, ...] = ()
     models: tuple[EvaluatedModel, ...] = ()
     lineage: tuple[LineageNode, ...] = ()

@@ -28,6 +28,7 @@ from juicer.reporting.content import (
     StageCost,
     TrainingCurve,
 )
+from juicer.reporting.effort import LABEL_S, MINUTES_OF
 from juicer.reporting.figures import (
     DASHES,
     GROUP_COLORS,
@@ -43,7 +44,7 @@ from juicer.reporting.lineage_drawing import lineage_graph
 from juicer.text import printable
 
 ASSETS = ("*.html.j2", "report.css", "report.js")
-SOURCES = ("teleop", "rollout", "augmentation")
+SOURCES = ("teleop", "rollout", "augmentation", "correction")
 _STILL_QUALITY = 80
 _LARGEST_OPEN_GRAPH = 24
 """Artifacts of a graph that is shown at once; a larger one is unfolded on demand."""
@@ -101,7 +102,9 @@ def render_page(data: ReportData) -> str:
     limits = loss_limits(data.curves)
     page = environment.get_template("report.html.j2").render(
         data=data,
-        sources=SOURCES,
+        sources=[each for each in SOURCES if any(each in size.episodes for size in data.datasets)],
+        minutes_of=MINUTES_OF.values(),
+        label_seconds=round(LABEL_S),
         headline=_headline(data.results),
         robustness=robustness_table(data.results),
         pairs=[

@@ -55,6 +55,7 @@ def gather(
         estimators=tuple(sources.estimators()),
         datasets=tuple(sources.datasets()),
         analyses=analyses,
+        efforts=tuple(sources.efforts()),
         videos=videos,
         models=tuple(sources.models()),
         lineage=tuple(sources.lineage(evaluations)),

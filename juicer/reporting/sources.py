@@ -18,6 +18,7 @@ from juicer.reporting.comparison import ReportRow
 from juicer.reporting.content import (
     AugmentationYield,
     DatasetSize,
+    Effort,
     EstimatorErrors,
     EvaluatedEpisode,
     EvaluatedModel,
@@ -26,6 +27,7 @@ from juicer.reporting.content import (
     StageCost,
     TrainingCurve,
 )
+from juicer.reporting.effort import effort_of
 from juicer.reporting.lineage import ancestors_of, checkpoint_of, nodes_of, read_lineage
 from juicer.storage.curves import CURVES_FILE, read_curves
 from juicer.storage.evaluations import EvaluationRow, read_evaluation
@@ -169,6 +171,13 @@ class Sources:
                     for name in ("episodes", "timesteps", "unused_timesteps")
                 )
                 yield DatasetSize(condition, episodes, timesteps, unused)
+
+    def efforts(self) -> Iterator[Effort]:
+        """What every condition cost a human, and what its rounds brought."""
+        for condition, manifests in self._by_condition():
+            made_of = [ancestors_of(self._known, [manifest.ref]) for manifest in manifests]
+            models = [[known for ref in refs if (known := self._known[ref])] for refs in made_of]
+            yield effort_of(condition, models)
 
     def costs(self) -> Iterator[StageCost]:
         """What each stage cost, whenever it was computed."""

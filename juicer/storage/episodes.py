@@ -27,7 +27,8 @@ from juicer.storage.tables import MILESTONES, read_table, write_table
 from juicer.text import printable
 
 SCHEMA_VERSION = 3
-"""The first had the arrays of :data:`juicer.episode.SIMULATOR` and no ids, the second no shifts; both are read."""
+"""The first had the arrays of :data:`juicer.episode.SIMULATOR` and no ids, the second neither corrections nor shifts; both
+are read."""
 CHUNK_BYTES = 2**22
 MOST_CHUNK_STEPS = 2048
 """A chunk holds as many steps as there is room for, so that an episode touches few chunks of any array; and no more
@@ -46,6 +47,7 @@ _RECORDS = pa.schema(
         "milestones": MILESTONES,
         "policy": pa.string(),
         "parent": pa.string(),
+        "parent_step": pa.int32(),
         "critical_state": pa.int32(),
         "device": pa.string(),
         "operator": pa.string(),
@@ -56,12 +58,12 @@ _RECORDS = pa.schema(
 )
 
 _ADDED = ("episode_id", "operator", "recorded_at", "log")
-_SECOND_RECORDS = pa.schema([field for field in _RECORDS if field.name != "shift"])
+_SECOND_RECORDS = pa.schema([field for field in _RECORDS if field.name not in ("parent_step", "shift")])
 _FIRST_RECORDS = pa.schema(
     [pa.field("episode", pa.int32()), *(field for field in _SECOND_RECORDS if field.name not in _ADDED)]
 )
 _OLDER = {1: _FIRST_RECORDS, 2: _SECOND_RECORDS}
-_OPTIONAL = ("policy", "parent", "critical_state", "device", "operator", "recorded_at", "log", "shift")
+_OPTIONAL = ("policy", "parent", "parent_step", "critical_state", "device", "operator", "recorded_at", "log", "shift")
 
 _MANY = 10_000
 """Ids among which no similar one is looked for."""

@@ -282,11 +282,20 @@ class AssemblyTask:
     @property
     def critical_state_names(self) -> tuple[str, ...]:
         """What happens at each critical state, e.g. ``grasp bulb`` or ``insert bulb``."""
+        return tuple(map(self.name_of, self.critical_states))
+
+    @property
+    def further_grasps(self) -> tuple[Grasp, ...]:
+        """Grasps of parts that are no critical states of the task; where they count as such, they follow these."""
+        grasps = (Grasp(part) for part in (0, *(pair.second for pair in self.pairs)))
+        return tuple(grasp for grasp in grasps if grasp not in self.critical_states)
+
+    def name_of(self, state: CriticalState) -> str:
+        """What happens at a critical state, e.g. ``insert leg``."""
+        if isinstance(state, Insertion):
+            return f"insert {self.pairs[state.pair].label}"
         labels = {0: self.base_label} | {pair.second: pair.label for pair in self.pairs}
-        return tuple(
-            f"grasp {labels[state.part]}" if isinstance(state, Grasp) else f"insert {self.pairs[state.pair].label}"
-            for state in self.critical_states
-        )
+        return f"grasp {labels[state.part]}"
 
     @property
     def milestones(self) -> tuple[str, ...]:

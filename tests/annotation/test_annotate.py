@@ -8,10 +8,13 @@ import pytest
 
 from juicer.annotation.annotate import annotate
 from juicer.annotation.labels import Label
-from juicer.annotation.propose import AnnotationConfig, propose
+from juicer.annotation.propose import AnnotationConfig, critical_states, propose
+from juicer.demonstration.ingestion import Ingestion, IngestionConfig
+from juicer.demonstration.log import OperatorLog
 from juicer.episode import STATE_KEY, Episode, Outcome
 from juicer.errors import InvalidLabels
 from juicer.geometry import quat_to_matrix, relative_pose
+from juicer.gripper import next_gripper_change
 from juicer.sim.env import AssemblyEnv
 from juicer.storage.annotations import Annotation
 
@@ -62,6 +65,22 @@ def test_a_leg_that_never_comes_near_its_hole_has_no_critical_state(env: Assembl
         {name: demonstration.steps[name][5] for name in demonstration.final},
     )
     assert propose(env, cut, CONFIG) == []
+
+
+def test_the_grasp_of_every_part_can_count_as_a_critical_state(env: AssemblyEnv, recording: OperatorLog):
+    demonstration = Ingestion(IngestionConfig(task="one_leg")).ingest_log(recording).episode
+    config = AnnotationConfig(grasps=True)
+    states = critical_states(env.task, config)
+    found = {env.task.name_of(states[each.critical_state]): each.step for each in propose(env, demonstration, config)}
+    assert list(found) == ["insert leg", "grasp top", "grasp leg"]
+    assert found["grasp top"] < found["grasp leg"] < found["insert leg"]
+    for name, part in (("grasp top", "square_table_top"), ("grasp leg", "square_table_leg4")):
+        assert part not in held(env, demonstration.state(found[name]))
+        change = next_gripper_change(demonstration.steps["action"], found[name])
+        assert change is not None
+        assert part in held(env, demonstration.state(change + 6))
+    # What the task itself has keeps its number.
+    assert propose(env, demonstration, CONFIG) == propose(env, demonstration, config)[:1]
 
 
 def test_annotations_do_not_depend_on_the_number_of_workers(insertions: list[Episode]):

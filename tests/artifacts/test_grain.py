@@ -34,6 +34,7 @@ from juicer.views import View
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import CollectConfig, collect
+from stages.correct import CorrectConfig, correct
 from stages.dataset import dataset
 from stages.encode import EncodeConfig, encode
 from stages.estimate import EstimateConfig, estimate
@@ -57,7 +58,7 @@ PACKAGES = ("juicer", "stages", "flows")
 ANALYSES = {"sampling", "monitor", "modes"}
 FROM_EVALUATION = {"evaluate", "modes", "report"}
 FROM_SELECTION = {"select", "mix", "retrain", *ANALYSES, *FROM_EVALUATION}
-FROM_TRAINING = {"train", "collect", *FROM_SELECTION}
+FROM_TRAINING = {"train", "collect", "correct", *FROM_SELECTION}
 FROM_AUGMENTATION = {"augment", "dataset", *FROM_TRAINING}
 ESTIMATING = {"train on estimates", "evaluate estimates"}
 FROM_ANNOTATION = {"annotate", "estimate", *ESTIMATING, *FROM_AUGMENTATION}
@@ -190,7 +191,7 @@ CHANGES = (
     edit("the optimiser's loop", "juicer/training/trainer.py", CODE, FROM_TRAINING | LOOKING | ESTIMATING),
     edit("how states are displaced", "juicer/estimation/perturbation.py", CODE, {"estimate", *ESTIMATING}),
     edit("how an estimator learns", "juicer/estimation/learning.py", CODE, {"estimate", *ESTIMATING}),
-    edit("rollouts", "juicer/rollout.py", CODE, {"collect", *EVALUATIONS, *FROM_SELECTION}),
+    edit("rollouts", "juicer/rollout.py", CODE, {"collect", "correct", *EVALUATIONS, *FROM_SELECTION}),
     edit("the rule of selection", "stages/select.py", CODE, FROM_SELECTION),
     edit(
         "a confidence interval",
@@ -291,6 +292,7 @@ def loop(task: str) -> dict[str, Recipe]:
     made["dataset"] = dataset(session, episodes=episodes, config=DatasetConfig())
     made["train"] = train(session, dataset=made["dataset"], config=TrainConfig())
     made["collect"] = collect(session, checkpoint=made["train"], config=CollectConfig(**start))
+    made["correct"] = correct(session, episodes=made["collect"], config=CorrectConfig())
     made["select"] = select(session, episodes=made["collect"], config=SelectConfig())
     made["mix"] = dataset(
         session, episodes=(*episodes, made["collect"]), selections=(made["select"],), config=DatasetConfig()

@@ -97,7 +97,9 @@ def test_wanting_fewer_snippets_gives_the_first_of_them(
 def test_critical_states_are_balanced_even_if_one_is_rejected_more_often(
     insertions: list[Episode], monkeypatch: pytest.MonkeyPatch
 ):
-    def judge(env: object, reference: Any, config: object, rng: np.random.Generator) -> Snippet | FailedAttempt:
+    def judge(
+        env: object, reference: Any, config: object, rng: np.random.Generator, *_: object
+    ) -> Snippet | FailedAttempt:
         if reference.critical_state == 1 and rng.random() < 0.7:
             return FailedAttempt(reference.parent, 1, "far", RejectionReason.DROPPED)
         record = replace(insertions[0].record, episode_id=str(rng.random()))
@@ -112,7 +114,7 @@ def test_critical_states_are_balanced_even_if_one_is_rejected_more_often(
 
 
 def test_the_same_snippet_counts_once(insertions: list[Episode], monkeypatch: pytest.MonkeyPatch):
-    def judge(env: object, reference: Any, config: object, rng: object) -> Snippet:
+    def judge(env: object, reference: Any, config: object, rng: object, *_: object) -> Snippet:
         return Snippet(insertions[0], reference.critical_state, "far", 0.0, 0.0, 0.0)
 
     monkeypatch.setattr(module, "attempt_snippet", judge)

@@ -7,9 +7,10 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from flows.command.choice import Choice
-from flows.conditions import defaults, shipped
+from flows.conditions import Condition, defaults, shipped
 from flows.config import CollectInferConfig, StudyConfig, load_runs
 from flows.running.execution import execute
 from flows.running.plan import calls_of, plan
@@ -119,6 +120,11 @@ def test_a_mapping_of_conditions_changes_those_that_come_along_and_adds_others(t
     assert Counter(entry.label.split()[0] for entry in calls_of(planned, "collect")) == {"ta_ci": 3}
     noisy = [entry.call.recipe.config for entry in calls_of(planned, "train") if entry.label == "noisy seed 0"]
     assert [config["training"]["state_noise"]["kind"] for config in noisy] == ["physical"]
+
+
+def test_corrections_are_of_conditions_that_collect():
+    with pytest.raises(ValidationError, match="add collect: true, or leave out correct"):
+        Condition(title="DAgger", augment=True, correct=True)
 
 
 def test_a_list_of_conditions_picks_from_those_that_the_base_defines(tmp_path):

@@ -53,6 +53,7 @@ from juicer.training.mixing import DatasetConfig
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import CollectConfig, collect
+from stages.correct import CorrectConfig, correct
 from stages.dataset import dataset
 from stages.evaluate import EvaluateConfig, evaluate
 from stages.ingest import ingest
@@ -274,6 +275,50 @@ def test_an_operator_who_always_fails_is_not_asked_again(loop, monkeypatch):
 def write_a_failure(folder, *arguments, **settings):
     (folder / "00000000.npz").write_bytes(b"a failure")
     return Sitting(recordings=1, steps=600)
+
+
+@pytest.fixture(scope="module")
+def corrections(loop):
+    """What the operator makes of rollouts that got nowhere."""
+    config = CorrectConfig(corrections=1, patience_steps=4, lead_steps=2)
+    return correct(loop.session, episodes=loop.rollouts, config=config)
+
+
+def test_an_operator_finishes_a_rollout_that_got_nowhere(loop, corrections):
+    (episode,) = EpisodeReader(loop.store.open(corrections)).records
+    assert (episode.source, episode.outcome) == ("correction", Outcome.SUCCESS)
+    assert episode.parent in EpisodeReader(loop.store.open(loop.rollouts)).ids
+    facts = summary(loop, corrections)
+    assert facts["share"] == 1 / facts["attempts"]
+    assert facts["human_steps"] >= facts["steps"] > 0
+    assert facts["by_milestone"]["start"]["corrections"] == 1
+
+
+def test_a_policy_learns_from_corrections_and_the_report_counts_the_human_minutes(loop, corrections):
+    checkpoint = learn(loop.session, loop.demonstrations, loop.corrective, corrections)
+    assert summary(loop, checkpoint)["episodes"] == {"teleop": 2, "augmentation": 2, "correction": 1}
+    evaluation = evaluate(loop.session, checkpoint=checkpoint, config=EVALUATE)
+    rows = (ReportRow(condition="dagger", title="DAgger", seed=0),)
+    data = gather(loop.store, [evaluation], rows, title="t", task="one_leg", facts={}, findings=())
+    (effort,) = data.efforts
+    demonstrated = summary(loop, loop.demonstrations)
+    steps = demonstrated["steps"] + demonstrated["idle_steps_dropped"]
+    assert effort.minutes == pytest.approx(
+        {
+            "demonstrations": steps / 600,
+            "labels": 2 * 12 / 60,
+            "corrections": summary(loop, corrections)["human_steps"] / 600,
+        }
+    )
+    ((average, low, high),) = effort.rounds
+    assert average == low == 0 < high
+    assert effort.rate == 0
+
+
+def test_where_no_rollout_failed_nothing_is_corrected(loop):
+    ref = correct(loop.session, episodes=loop.demonstrations, config=CorrectConfig())
+    assert len(EpisodeReader(loop.store.open(ref))) == 0
+    assert loop.store.manifest(ref).finding == f"no correction: no rollout in {loop.demonstrations} failed"
 
 
 def test_attempts_that_gave_no_snippet_are_not_made_again(loop):

@@ -198,7 +198,8 @@ def test_episodes_of_the_first_layout_are_still_read(tmp_path: Path, episode_fac
     group = zarr.open_group(tmp_path / "episodes.zarr")
     group.attrs.put({"task": "one_leg", "schema_version": 1})
     path = tmp_path / "episodes.parquet"
-    table = pq.read_table(path).drop_columns(["episode_id", "operator", "recorded_at", "log", "shift"])
+    added = ["episode_id", "operator", "recorded_at", "log", "parent_step", "shift"]
+    table = pq.read_table(path).drop_columns(added)
     pq.write_table(table.add_column(0, "episode", pa.array([0, 1], pa.int32())), path)
     reader = EpisodeReader(tmp_path)
     assert reader.records == [episode.record for episode in written]
@@ -206,13 +207,15 @@ def test_episodes_of_the_first_layout_are_still_read(tmp_path: Path, episode_fac
     np.testing.assert_array_equal(reader.steps("action")[4:], written[1].steps["action"])
 
 
-def test_episodes_from_before_there_were_shifts_are_still_read(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
+def test_episodes_from_before_there_were_corrections_and_shifts_are_still_read(
+    tmp_path: Path, episode_factory: EpisodeFactory
+) -> None:
     written = [episode_factory(length, seed=length) for length in (4, 9)]
     write_episodes(tmp_path, written, {"task": "one_leg"})
     group = zarr.open_group(tmp_path / "episodes.zarr")
     group.attrs.put({**group.attrs.asdict(), "schema_version": 2})
     path = tmp_path / "episodes.parquet"
-    pq.write_table(pq.read_table(path).drop_columns(["shift"]), path)
+    pq.write_table(pq.read_table(path).drop_columns(["parent_step", "shift"]), path)
     assert EpisodeReader(tmp_path).records == [episode.record for episode in written]
 
 

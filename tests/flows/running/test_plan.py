@@ -81,6 +81,27 @@ def test_retraining_is_training_with_more_references(store):
     assert trained[1].call.recipe.config == trained[0].call.recipe.config
 
 
+def test_corrections_are_of_each_rounds_own_rollouts_and_are_all_learned_from(store):
+    own = {"title": "TA+CI+DAgger", "augment": True, "collect": True, "correct": True}
+    config = CollectInferConfig(condition="dagger", conditions={"dagger": own}, rounds=2)
+    planned = plan(store, config)
+    collected, corrected = ([call.ref for call in calls_of(planned, stage)] for stage in ("collect", "correct"))
+    parents = [call.call.recipe.parents for call in calls_of(planned, "correct")]
+    assert parents == [(ref,) for ref in collected]
+    *_, last = calls_of(planned, "dataset")
+    assert set(corrected) < set(last.call.recipe.inputs["episodes"])
+    assert len(last.call.recipe.inputs["selections"]) == 2
+
+
+def test_only_a_placement_by_coverage_looks_at_rollouts(store):
+    uniform, coverage = (
+        calls_of(plan(store, CollectInferConfig(rounds=2, augment={"placement": {"kind": kind}})), "augment")
+        for kind in ("uniform", "coverage")
+    )
+    assert len(uniform) == 1
+    assert [len(call.call.recipe.inputs.get("rollouts", ())) for call in coverage] == [0, 1, 2]
+
+
 def test_augmentation_of_retraining_can_differ(store):
     config = CollectInferConfig(augment={"num_snippets": 50}, augment_retraining={"num_snippets": 150})
     planned = plan(store, config)

@@ -1,0 +1,131 @@
+"""Which offsets from a critical state have been visited, and where snippets are still wanted.
+
+An offset is how far the end effector is from its pose at a critical state: position (m, robot base frame) and rotation
+vector, both in units of a :class:`~juicer.augmentation.config.CoveragePlacement`. So distances between offsets are
+numbers without a unit, and 1 is about as far as a policy is likely to generalise by itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from juicer.augmentation.config import CoveragePlacement
+from juicer.augmentation.plan import POSE_SIZE
+from juicer.augmentation.reference import Reference
+from juicer.episode import DemonstrationReader, Episode, Outcome
+from juicer.geometry import matrix_to_rotvec, rot6d_to_matrix
+from juicer.gripper import gripper_commands
+
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
+
+Array = NDArray[np.float64]
+
+NEARBY_M = 0.2
+"""Poses of rollouts that are farther away from every critical state are passed over: no departure leads there."""
+
+
+class Coverage:
+    """What has been visited around one critical state, and where rollouts failed."""
+
+    def __init__(self, placement: CoveragePlacement, references: Sequence[Reference]) -> None:
+        """Begin with what the demonstrations themselves show.
+
+        Args:
+            placement: Units of offsets, and how many candidates there are.
+            references: All those of one critical state, at least one.
+        """
+        self.placement = placement
+        self._references = references
+        self._failed: KDTree | None = None
+        self._offsets = [self._offset(each.phase, each.pose) for each in references]
+        self._visited = _tree(self._offsets)
+
+    def visit(self, returns: Iterable[tuple[NDArray[np.floating[Any]], Reference]]) -> None:
+        """Note the poses ``(N, 9)`` on the ways back of snippets to their critical states."""
+        self._note(self._offset(poses, reference.pose) for poses, reference in returns)
+
+    def look_at(self, rollouts: Iterable[Episode]) -> None:
+        """Note where successful rollouts went, and where the others ended.
+
+        A rollout has no critical state of its own: its poses are compared with the nearest demonstrated one.
+        """
+        failed = []
+        visited = []
+        for rollout in rollouts:
+            if rollout.record.outcome is Outcome.SUCCESS:
+                visited.append(self._nearby(rollout, slice(None)))
+            else:
+                failed.append(self._nearby(rollout, slice(-1, None)))
+        self._note(visited)
+        self._failed = _tree(failed)
+
+    def choose(self, drawn: Iterator[NDArray[np.float64]], reference: Reference) -> NDArray[np.float64]:
+        """The departure that leads farthest away from everything visited, rather close to where rollouts failed.
+
+        Args:
+            drawn: Departures as :func:`juicer.augmentation.plan.plan_departure` gives them; the first ones are
+                candidates.
+            reference: The critical state that they leave.
+        """
+        candidates = list(islice(drawn, self.placement.candidates))
+        ends = np.array([each[-1] if len(each) else reference.pose for each in candidates])
+        offsets = self._offset(ends, reference.pose)
+        wanted = _distance(self._visited, offsets)
+        if self._failed is not None:
+            wanted = wanted / (1.0 + _distance(self._failed, offsets))
+        return candidates[int(np.argmax(wanted))]
+
+    def _note(self, offsets: Iterable[Array]) -> None:
+        self._offsets += offsets
+        self._visited = _tree(self._offsets)
+
+    def _nearby(self, rollout: Episode, steps: slice) -> Array:
+        """Offsets of a rollout's poses near the critical state, while the gripper does what it does there."""
+        poses = np.asarray(rollout.steps["proprioception"], dtype=np.float64)[steps, :POSE_SIZE]
+        poses = poses[gripper_commands(rollout.steps["action"])[steps] == self._references[0].gripper]
+        origins = np.array([each.pose for each in self._references], dtype=np.float64)
+        distances = np.linalg.norm(poses[:, None, :3] - origins[None, :, :3], axis=-1)
+        nearest = distances.argmin(axis=1)
+        near = distances.min(axis=1) < NEARBY_M
+        return self._offset(poses[near], origins[nearest[near]])
+
+    def _offset(self, poses: NDArray[np.floating[Any]], origin: NDArray[np.floating[Any]]) -> Array:
+        """Offsets ``(N, 6)`` of poses ``(N, 9)`` from one pose or from as many."""
+        poses, origin = np.asarray(poses, dtype=np.float64), np.asarray(origin, dtype=np.float64)
+        moved = (poses[:, :3] - origin[..., :3]) / self.placement.position_m
+        turned = np.swapaxes(rot6d_to_matrix(origin[..., 3:]), -1, -2) @ rot6d_to_matrix(poses[:, 3:])
+        return np.concatenate([moved, matrix_to_rotvec(turned) / math.radians(self.placement.rotation_deg)], axis=1)
+
+
+def _tree(offsets: Sequence[Array]) -> KDTree | None:
+    from scipy.spatial import KDTree  # takes half a second to import
+
+    points = np.concatenate([np.empty((0, 6)), *offsets])
+    return KDTree(points) if len(points) else None
+
+
+def _distance(tree: KDTree | None, offsets: Array) -> Array:
+    """Distance of each offset from the nearest one in a tree; infinitely far from none."""
+    return np.full(len(offsets), np.inf) if tree is None else np.asarray(tree.query(offsets)[0])
+
+
+def coverages(
+    by_state: dict[int, list[Reference]], placement: CoveragePlacement, rollouts: Sequence[DemonstrationReader]
+) -> dict[int, Coverage]:
+    """Coverage of each critical state by demonstrations and rollouts."""
+    found = {state: Coverage(placement, references) for state, references in by_state.items()}
+    for coverage in found.values() if rollouts else ():
+        coverage.look_at(_episodes(rollouts))
+    return found
+
+
+def _episodes(rollouts: Sequence[DemonstrationReader]) -> Iterator[Episode]:
+    for reader in rollouts:
+        yield from (reader.read(number) for number in range(len(reader)))
