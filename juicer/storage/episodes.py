@@ -27,8 +27,8 @@ from juicer.storage.tables import MILESTONES, read_table, write_table
 from juicer.text import printable
 
 SCHEMA_VERSION = 3
-"""The first had the arrays of :data:`juicer.episode.SIMULATOR` and no ids, the second neither corrections nor shifts; both
-are read."""
+"""The first had the arrays of :data:`juicer.episode.SIMULATOR` and no ids, the second neither corrections nor
+shifts. Both are read."""
 CHUNK_BYTES = 2**22
 MOST_CHUNK_STEPS = 2048
 """A chunk holds as many steps as there is room for, so that an episode touches few chunks of any array; and no more
