@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from flows.shipped import CONFIGS
 from juicer.config import StrictConfig, read_mapping
@@ -16,6 +16,20 @@ from juicer.text import printable
 
 MOST_ROUNDS = 100
 MOST_DEFINITIONS = 100
+OF_THE_RUN = (
+    "base",
+    "flow",
+    "name",
+    "task",
+    "tasks",
+    "mix",
+    "condition",
+    "conditions",
+    "seed",
+    "seeds",
+    "curves",
+)
+"""Keys of the top level that no condition changes for itself."""
 
 
 @cache
@@ -71,6 +85,16 @@ class Condition(StrictConfig):
     )
     state_noise: bool = Field(default=False, description="whether observed states are perturbed in training")
     replay: bool = Field(default=False, description="whether it plays demonstrations instead of learning from them")
+    changes: dict[str, Any] = Field(
+        default={}, description="what differs for this condition, under the keys of a configuration's top level"
+    )
+
+    @field_validator("changes")
+    @classmethod
+    def _are_of_a_condition(cls, changes: dict[str, Any]) -> dict[str, Any]:
+        if said := next((key for key in changes if key in OF_THE_RUN), None):
+            raise ValueError(f"'{said}' is said once for the whole run; leave it out of a condition's changes")
+        return changes
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:

@@ -12,12 +12,13 @@ from pydantic import Field, ValidationInfo, field_serializer, field_validator, m
 
 from flows.conditions import MOST_DEFINITIONS, Condition, Name, check_known, defaults, defined, shipped
 from flows.loop_config import LoopConfig
-from flows.written import TASKS_KEY, Written, read_written, settled, take_written
-from juicer.config import parse_config
+from flows.written import CHANGES_KEY, CONDITIONS_KEY, TASKS_KEY, Written, read_written, settled, take_written
+from juicer.config import Place, nowhere, parse_config
 from juicer.errors import ConfigError, did_you_mean
 from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.tasks.registry import TASK_NAMES
 from juicer.text import printable
+from juicer.yaml_reading import Keys
 
 MOST_SEEDS = 1000
 FLOW_KEY = "flow"
@@ -43,8 +44,8 @@ class FlowConfig(LoopConfig):
         return defined(given)
 
     @model_validator(mode="after")
-    def _is_possible(self) -> Self:
-        _check_run(self)
+    def _is_possible(self, info: ValidationInfo) -> Self:
+        _check_run(self, info.context or nowhere)
         return self
 
     def method(self, name: str) -> Condition:
@@ -52,6 +53,24 @@ class FlowConfig(LoopConfig):
         found = self.conditions.get(name) or shipped(name)
         assert found is not None, f"condition {name} was not checked"
         return found
+
+    def loop(self, name: str, place: Place = nowhere) -> LoopConfig:
+        """The loop of a condition's models: this one, with what the condition changes laid over it.
+
+        Args:
+            name: The condition.
+            place: Where the values of this configuration were written.
+
+        Raises:
+            ConfigError: If a key or value among the changes is not valid.
+        """
+        changes, origin = self.method(name).changes, f"{CONDITIONS_KEY}.{name}.{CHANGES_KEY}"
+
+        def said_at(keys: Keys) -> str | None:
+            found = place((CONDITIONS_KEY, name, CHANGES_KEY, *keys))
+            return f"{found}: {origin}" if found else None
+
+        return self.changed(changes, origin, said_at) if changes else self
 
     @property
     @abstractmethod
@@ -189,26 +208,30 @@ _FLOWS: Mapping[str, type[CollectInferConfig] | type[StudyConfig]] = {
 }
 
 
-def _check_run(config: FlowConfig) -> None:
+def _check_run(config: FlowConfig, place: Place) -> None:
     """Refuse at once what would otherwise be noticed after a training.
 
     Raises:
         ValueError: If a condition has no such policy, a model is for several tasks and there are none, or finds no
             initial states to collect from or to be evaluated on.
+        ConfigError: If what a condition changes is not valid.
     """
-    collecting = []
+    largest: float = math.inf
     for name in config.chosen:
-        condition = config.method(name)
+        condition, loop = config.method(name), config.loop(name, place)
         if condition.joint_policy and len(config.mix) < 2:
             raise ValueError(f"condition {name} needs several tasks; the file that names it must list them under tasks")
-        loops = config.mix.values() if condition.joint_policy else (config,)
+        loops = (loop, *(loop.mix.values() if condition.joint_policy else ()))
         for policy in (condition.policy, condition.joint_policy or condition.policy):
-            for loop in (config, *loops):
-                if policy not in loop.policies:
-                    near = did_you_mean(policy, loop.policies)
+            for each in loops:
+                if policy not in each.policies:
+                    near = did_you_mean(policy, each.policies)
                     raise ValueError(f"conditions.{name}: there is no policy '{policy}'{near}")
-        collecting += [loop.largest_seed(condition) for loop in loops if condition.collect]
-    largest, seed = min(collecting, default=math.inf), max(seed for _, seed in config.models)
+        for each in loops:
+            _check_states(each, f"conditions.{name}.changes: " if condition.changes else "")
+        if condition.collect:
+            largest = min(largest, *(each.largest_seed(condition) for each in loops), math.inf)
+    seed = max(seed for _, seed in config.models)
     if largest < 0:
         raise ValueError("initial states to collect from run out; lower collect.max_episodes, collect.first or rounds")
     if seed > largest:
@@ -216,12 +239,13 @@ def _check_run(config: FlowConfig) -> None:
             f"seed {seed} is too large: there are initial states to collect from for seeds up to {largest}; "
             "take a smaller seed, or lower collect.max_episodes"
         )
-    if config.evaluate.first + config.evaluate.episodes > len(SEED_RANGES[Purpose.EVALUATION]):
-        raise ValueError("initial states to evaluate on run out; lower evaluate.first or evaluate.episodes")
-    if config.logs is None and config.record.first + config.record.max_recordings > len(
-        SEED_RANGES[Purpose.DEMONSTRATIONS]
-    ):
-        raise ValueError("initial states to record from run out; lower record.first or record.max_recordings")
+
+
+def _check_states(loop: LoopConfig, where: str) -> None:
+    if loop.evaluate.first + loop.evaluate.episodes > len(SEED_RANGES[Purpose.EVALUATION]):
+        raise ValueError(f"{where}initial states to evaluate on run out; lower evaluate.first or evaluate.episodes")
+    if loop.logs is None and loop.record.first + loop.record.max_recordings > len(SEED_RANGES[Purpose.DEMONSTRATIONS]):
+        raise ValueError(f"{where}initial states to record from run out; lower record.first or record.max_recordings")
 
 
 def load_runs(source: Path | str, overrides: Sequence[str] = ()) -> tuple[RunConfig, ...]:

@@ -86,19 +86,19 @@ def run_model(session: Session, config: RunConfig, name: str, seed: int) -> Mode
 
     A model that finds nothing to retrain on is evaluated as it is: a condition's average must not leave out its worst.
     """
-    condition = config.method(name)
+    condition, loop = config.method(name), config.loop(name)
     findings: list[str] = []
     if condition.replay:
-        demonstrations = get_demonstrations(session, config)
+        demonstrations = get_demonstrations(session, loop)
         checkpoint = memorise(session, episodes=demonstrations, config=MemoriseConfig())
     elif condition.joint_policy:
-        checkpoint, findings = _train_jointly(session, config, condition, seed)
+        checkpoint, findings = _train_jointly(session, loop, condition, seed)
     else:
-        data = _gather(session, config, condition, seed)
+        data = _gather(session, loop, condition, seed)
         session = data.session
-        checkpoint = _train(session, config, config.final_training(condition, seed), [data])
+        checkpoint = _train(session, loop, loop.final_training(condition, seed), [data])
         findings = [*data.findings, *_findings(session, checkpoint)]
-    evaluation = evaluate(session, checkpoint=checkpoint, config=config.evaluation)
+    evaluation = evaluate(session, checkpoint=checkpoint, config=loop.evaluation)
     findings += _findings(session, evaluation)
     observes = _observes(session, evaluation)
     title = condition.title if observes in ("", STATE) else f"{condition.title} ({observes})"

@@ -13,7 +13,7 @@ from pydantic import Field, field_validator, model_validator
 from flows.conditions import MOST_DEFINITIONS, MOST_ROUNDS, Condition, Name, defaults
 from flows.written import POLICIES_KEY, Written, settled
 from juicer.annotation.propose import AnnotationConfig
-from juicer.config import ConfigT, StrictConfig
+from juicer.config import ConfigT, Place, StrictConfig, parse_config
 from juicer.demonstration.ingestion import IngestionConfig, IngestionSection
 from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.tasks.registry import TASK_NAMES
@@ -115,6 +115,22 @@ class LoopConfig(StrictConfig):
             if loop.task != task or loop.mix:
                 raise ValueError(f"mix.{task} must be the loop of {task} alone")
         return self
+
+    def changed(self, changes: Mapping[str, Any], origin: str, place: Place) -> LoopConfig:
+        """The same with other values laid over it, and over the loops of the tasks that a model for several learns.
+
+        Args:
+            changes: Keys and values of the top level.
+            origin: What to call them in errors.
+            place: More exactly where a value among them was written.
+
+        Raises:
+            ConfigError: If a key or value is not valid.
+        """
+        own = self.model_dump(mode="json", include=set(LoopConfig.model_fields) - {"mix"})
+        loop = parse_config(Written(changes).over(Written(own)).values, LoopConfig, origin, place)
+        mix = {task: each.changed(changes, origin, place) for task, each in self.mix.items()}
+        return loop.model_copy(update={"mix": mix})
 
     @property
     def recording(self) -> RecordConfig:
