@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Annotated, Any, Self
 
@@ -89,6 +89,11 @@ class Condition(StrictConfig):
         default={}, description="what differs for this condition, under the keys of a configuration's top level"
     )
 
+    @property
+    def setting(self) -> str:
+        """What it changes, in words; empty if nothing."""
+        return ", ".join(_told(self.changes))
+
     @field_validator("changes")
     @classmethod
     def _are_of_a_condition(cls, changes: dict[str, Any]) -> dict[str, Any]:
@@ -103,6 +108,14 @@ class Condition(StrictConfig):
         if self.rounds and not self.collect:
             raise ValueError("rounds are those of a condition that collects: add collect: true, or leave them out")
         return self
+
+
+def _told(changes: Mapping[str, Any], outer: str = "") -> Iterator[str]:
+    for key, value in changes.items():
+        if isinstance(value, Mapping) and value:
+            yield from _told(value, f"{outer}{key}.")
+        else:
+            yield f"{outer}{key} {printable(value)}"
 
 
 def defined(given: Any) -> Any:

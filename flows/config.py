@@ -16,6 +16,7 @@ from flows.written import CHANGES_KEY, CONDITIONS_KEY, TASKS_KEY, Written, read_
 from juicer.config import Place, nowhere, parse_config
 from juicer.errors import ConfigError, did_you_mean
 from juicer.seed_ranges import SEED_RANGES, Purpose
+from juicer.study.curves import Curve, CurveConfig
 from juicer.tasks.registry import TASK_NAMES
 from juicer.text import printable
 from juicer.yaml_reading import Keys
@@ -64,13 +65,16 @@ class FlowConfig(LoopConfig):
         Raises:
             ConfigError: If a key or value among the changes is not valid.
         """
-        changes, origin = self.method(name).changes, f"{CONDITIONS_KEY}.{name}.{CHANGES_KEY}"
+        condition, origin = self.method(name), f"{CONDITIONS_KEY}.{name}.{CHANGES_KEY}"
 
         def said_at(keys: Keys) -> str | None:
             found = place((CONDITIONS_KEY, name, CHANGES_KEY, *keys))
             return f"{found}: {origin}" if found else None
 
-        return self.changed(changes, origin, said_at) if changes else self
+        if not condition.changes:
+            return self
+        whole: LoopConfig = self if condition.joint_policy else self.model_copy(update={MIX_KEY: {}})
+        return whole.changed(condition.changes, origin, said_at)
 
     @property
     @abstractmethod
@@ -81,6 +85,11 @@ class FlowConfig(LoopConfig):
     def chosen(self) -> tuple[str, ...]:
         """Names of the conditions that are trained, in order."""
         return tuple(dict.fromkeys(name for name, _ in self.models))
+
+    @property
+    def drawn_curves(self) -> tuple[Curve, ...]:
+        """Curves over conditions; one model makes none."""
+        return ()
 
     @property
     def is_joint(self) -> bool:
@@ -146,6 +155,7 @@ class StudyConfig(FlowConfig):
 
     Attributes:
         conditions: What is compared: what each condition is made of, by name.
+        curves: By name, conditions that differ in one number, drawn over it.
     """
 
     flow: Literal["study"] = "study"
@@ -153,6 +163,31 @@ class StudyConfig(FlowConfig):
         default_factory=_all_of_the_paper, min_length=1, max_length=MOST_DEFINITIONS
     )
     seeds: tuple[RunSeed, ...] = Field(default=(0, 1, 2, 3, 4), min_length=1, max_length=MOST_SEEDS)
+    curves: dict[Name, CurveConfig] = Field(default={}, max_length=MOST_DEFINITIONS)
+
+    @model_validator(mode="after")
+    def _has_the_points_of_its_curves(self) -> Self:
+        for name, curve in self.curves.items():
+            for condition in curve.conditions:
+                check_known(condition, self.conditions)
+            self._points(name)
+        return self
+
+    @property
+    def drawn_curves(self) -> tuple[Curve, ...]:
+        """The curves, over those of their conditions that are trained."""
+        return tuple(
+            Curve(name=name, title=curve.title, axis=curve.axis, fit=curve.fit, points=self._points(name))
+            for name, curve in self.curves.items()
+        )
+
+    def _points(self, name: str) -> dict[str, float]:
+        curve = self.curves[name]
+        return {
+            condition: curve.number(condition, self.loop(condition).model_dump(mode="json"), f"curves.{name}")
+            for condition in curve.conditions
+            if condition in self.conditions
+        }
 
     def narrowed(self, conditions: Sequence[str], seeds: Sequence[int]) -> StudyConfig:
         """The same with some conditions or seeds only, in the study's order; with all of them where none is given.

@@ -45,6 +45,7 @@ class ModelOutcome:
         evaluation: How it did.
         finding: Why it learned from less than it should, as a sentence.
         observes: What it sees, and what it was taught with beside; empty if that is not known.
+        setting: What its condition changes in the configuration, in words; empty if nothing.
     """
 
     condition: str
@@ -54,6 +55,7 @@ class ModelOutcome:
     evaluation: ArtifactRef
     finding: str = ""
     observes: str = ""
+    setting: str = ""
 
 
 _Selected = tuple[ArtifactRef, ArtifactRef]
@@ -102,7 +104,9 @@ def run_model(session: Session, config: RunConfig, name: str, seed: int) -> Mode
     findings += _findings(session, evaluation)
     observes = _observes(session, evaluation)
     title = condition.title if observes in ("", STATE) else f"{condition.title} ({observes})"
-    return ModelOutcome(name, title, seed, checkpoint, evaluation, "; ".join(findings), observes)
+    return ModelOutcome(
+        name, title, seed, checkpoint, evaluation, "; ".join(findings), observes, setting=condition.setting
+    )
 
 
 def _train_jointly(

@@ -117,7 +117,7 @@ class LoopConfig(StrictConfig):
         return self
 
     def changed(self, changes: Mapping[str, Any], origin: str, place: Place) -> LoopConfig:
-        """The same with other values laid over it, and over the loops of the tasks that a model for several learns.
+        """The same with other values laid over it; a model for several tasks has the loops of these changed as well.
 
         Args:
             changes: Keys and values of the top level.

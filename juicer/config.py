@@ -97,9 +97,7 @@ def nowhere(keys: Keys) -> str | None:
     return None
 
 
-def parse_config(
-    content: Mapping[str, Any], model: type[ConfigT], origin: str, place: Place = nowhere
-) -> ConfigT:
+def parse_config(content: Mapping[str, Any], model: type[ConfigT], origin: str, place: Place = nowhere) -> ConfigT:
     """Validate a mapping.
 
     Args:

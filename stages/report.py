@@ -15,11 +15,11 @@ from juicer.errors import ConfigError, NothingLeft, RenderingUnavailable
 from juicer.evaluation import ConditionResult
 from juicer.reporting.comparison import ReportRow, condition_results
 from juicer.reporting.content import EpisodeVideo
-from juicer.reporting.report import configuration_text, gather
 from juicer.reporting.seen import views_of
 from juicer.reporting.varied_images import varied_images
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.evaluations import EXAMPLES, read_evaluation
+from juicer.study.curves import Curve
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
 
@@ -39,6 +39,7 @@ class ReportConfig(StrictConfig):
         title: Headline.
         task: Assembly task, whose figures of the paper are shown.
         rows: Whose evaluations they are, in their order.
+        curves: What is drawn over several conditions.
         findings: Sentences that a reader must not miss.
         facts: Setting of the run in a few name-value pairs.
         configuration: The whole configuration of the run, as it can be run again.
@@ -49,6 +50,7 @@ class ReportConfig(StrictConfig):
     title: str
     task: str = "one_leg"
     rows: tuple[ReportRow, ...] = ()
+    curves: tuple[Curve, ...] = ()
     findings: tuple[str, ...] = ()
     facts: Mapping[str, str] = Field(default_factory=dict)
     configuration: Mapping[str, Any] = Field(default_factory=dict)
@@ -64,9 +66,13 @@ class ReportConfig(StrictConfig):
 def report(context: StageContext, *, evaluations: tuple[ArtifactRef, ...], config: ReportConfig) -> None:
     """Write the page about evaluated models, and videos of a success and a failure."""
     from juicer.reporting.page import write_page  # drawing libraries take long to import
+    from juicer.reporting.report import configuration_text, gather
+    from juicer.study.material import task_study
+    from juicer.study.sections import BESIDE_RATES, sections
 
     _check(evaluations, config)
     results = condition_results(context.store, evaluations, config.rows)
+    study = task_study(context.store, config.task, evaluations, config.rows, config.curves)
     videos, findings = _videos(context, evaluations, config, results)
     data = gather(
         context.store,
@@ -74,6 +80,7 @@ def report(context: StageContext, *, evaluations: tuple[ArtifactRef, ...], confi
         config.rows,
         title=config.title,
         task=config.task,
+        sections=sections([study], BESIDE_RATES),
         facts=config.facts,
         findings=(*config.findings, *findings),
         videos=videos,
@@ -81,6 +88,8 @@ def report(context: StageContext, *, evaluations: tuple[ArtifactRef, ...], confi
         links=config.links,
     )
     write_page(data, context.draft.path / PAGE)
+    for chart in (chart for section in data.sections for chart in section.charts):
+        (context.draft.path / f"{chart.name}.png").write_bytes(chart.png)
     for number, figure in enumerate(varied_images(context.store, evaluations)):
         (context.draft.path / f"{VARIED}{number or ''}.png").write_bytes(figure)
     if config.configuration:

@@ -15,8 +15,11 @@ from flows.running.plan import plan, require_weights
 from flows.running.runner import opener
 from flows.running.settings import read_settings
 from juicer.artifacts.store import ArtifactStore
+from stages.report import VARIED
 from stages.runtime.prefect_display import attempt
 from stages.runtime.prefect_task import PrefectPerformer
+
+_VARIED = "Images as policies see them when acting, and as they were varied in training"
 
 
 def run(config: RunConfig) -> RunOutcome:
@@ -52,8 +55,8 @@ def _show(outcome: RunOutcome, store: ArtifactStore) -> None:
     create_table_artifact(table=rows, key="comparison", description="Success rates")
     for figure in sorted(store.open(outcome.report).glob("*.png")) if outcome.report else ():
         address = f"data:image/png;base64,{base64.b64encode(figure.read_bytes()).decode()}"
-        key = figure.stem.replace("_", "-")
-        told = "Images as policies see them when acting, and as they were varied in training"
+        key = figure.stem.replace("_", "-").lower()
+        told = _VARIED if figure.stem.startswith(VARIED) else f"Success rates: {figure.stem.replace('_', ' ')}"
         attempt(create_image_artifact, image_url=address, key=key, description=told)
     if outcome.findings:
         lines = "\n".join(f"- {finding}" for finding in outcome.findings)

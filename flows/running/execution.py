@@ -48,7 +48,7 @@ class RunOutcome:
 
     def results(self, store: ArtifactStore) -> list[ConditionResult]:
         """Rows of the comparison."""
-        return condition_results(store, *_rows(self.models))
+        return condition_results(store, *rows_of(self.models))
 
     def to_json(self, store: ArtifactStore) -> dict[str, Any]:
         """For machines."""
@@ -135,20 +135,25 @@ def _wait(futures: Sequence[Future[ModelOutcome]], session: Session) -> None:
         raise
 
 
-def _rows(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tuple[ReportRow, ...]]:
+def rows_of(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tuple[ReportRow, ...]]:
+    """Evaluations of models, and whose they are."""
     return (
         tuple(model.evaluation for model in models),
-        tuple(ReportRow(condition=model.condition, title=model.title, seed=model.seed) for model in models),
+        tuple(
+            ReportRow(condition=model.condition, title=model.title, seed=model.seed, setting=model.setting)
+            for model in models
+        ),
     )
 
 
 def write_report(session: Session, config: RunConfig, outcome: RunOutcome) -> ArtifactRef:
     """Make the page about the models."""
-    evaluations, rows = _rows(outcome.models)
+    evaluations, rows = rows_of(outcome.models)
     report_config = ReportConfig(
         title=config.name,
         task=config.task,
         rows=rows,
+        curves=config.drawn_curves,
         findings=outcome.findings,
         facts=_facts(config, outcome.models),
         configuration=config.model_dump(mode="json"),

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.config import StrictConfig
 from juicer.episode import Outcome
-from juicer.errors import ArtifactError, ConfigError
-from juicer.evaluation import ConditionResult, ModelResult, PairedComparison, compare, summarise
+from juicer.errors import ArtifactError
+from juicer.evaluation import ConditionResult, ModelResult, summarise
 from juicer.storage.evaluations import read_evaluation
 
 
@@ -20,11 +20,13 @@ class ReportRow(StrictConfig):
         condition: Name of the condition.
         title: What people read instead.
         seed: Seed of the model.
+        setting: What the condition changes in the configuration, in words; empty if nothing.
     """
 
     condition: str
     title: str
     seed: int
+    setting: str = ""
 
     @property
     def label(self) -> str:
@@ -53,15 +55,6 @@ def condition_results(
         models.setdefault(row.condition, []).append(result)
     titles = {row.condition: row.title for row in rows}
     return [summarise(condition, results, titles[condition]) for condition, results in models.items()]
-
-
-def comparisons(results: Sequence[ConditionResult]) -> Iterator[PairedComparison]:
-    """Each condition against the first."""
-    for result in results[1:]:
-        try:
-            yield compare(results[0], result)
-        except ConfigError:
-            continue  # other seeds or other initial states: there is nothing to pair
 
 
 def markdown_table(results: Sequence[ConditionResult]) -> str:

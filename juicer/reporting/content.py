@@ -12,7 +12,8 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from juicer.evaluation import ConditionResult, PairedComparison
+from juicer.evaluation import ConditionResult
+from juicer.reporting.section import Section
 
 
 @dataclass(frozen=True)
@@ -265,7 +266,7 @@ class ReportData:
         results: Rows of the comparison, in order.
         paper: Average and best success rate by condition as the paper's Table VI has them; other
             simulator and observations, so for orientation only.
-        comparisons: Paired tests, each condition against the reference.
+        sections: What the conditions say together: tests, curves, statements that hold or not, cost.
         funnels: Milestones by condition.
         curves: Training runs.
         augmentations: Yield of each augmentation.
@@ -285,7 +286,7 @@ class ReportData:
     findings: tuple[str, ...] = ()
     results: tuple[ConditionResult, ...] = ()
     paper: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    comparisons: tuple[PairedComparison, ...] = ()
+    sections: tuple[Section, ...] = ()
     funnels: tuple[Funnel, ...] = ()
     curves: tuple[TrainingCurve, ...] = ()
     augmentations: tuple[AugmentationYield, ...] = ()

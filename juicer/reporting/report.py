@@ -12,9 +12,10 @@ import yaml
 from juicer.artifacts.commit import CHANGED, UNKNOWN
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from juicer.reporting.comparison import ReportRow, comparisons, condition_results
+from juicer.reporting.comparison import ReportRow, condition_results
 from juicer.reporting.content import EpisodeVideo, NextStep, Provenance, ReportData
 from juicer.reporting.paper import PAPER_TABLE_VI
+from juicer.reporting.section import Section
 from juicer.reporting.sources import Sources
 
 
@@ -27,6 +28,7 @@ def gather(
     task: str,
     facts: Mapping[str, str],
     findings: tuple[str, ...],
+    sections: tuple[Section, ...] = (),
     videos: tuple[EpisodeVideo, ...] = (),
     configuration: Mapping[str, Any] | None = None,
     links: Mapping[str, str] | None = None,
@@ -43,7 +45,7 @@ def gather(
         findings=(*findings, *sources.problems),
         results=tuple(results),
         paper={name: figures for name, figures in PAPER_TABLE_VI.get(task, {}).items() if name in named},
-        comparisons=tuple(comparisons(results)),
+        sections=sections,
         funnels=tuple(sources.funnels()),
         curves=curves,
         augmentations=tuple(sources.augmentations()),

@@ -169,6 +169,10 @@ class Sources:
                 megabytes=sum(entry.bytes for manifest in manifests for entry in manifest.files) / 1e6,
             )
 
+    def behind(self, refs: Sequence[ArtifactRef]) -> list[Manifest]:
+        """Manifests of some of the evaluations and of everything that they were made from, parents first."""
+        return [manifest for ref in ancestors_of(self._known, refs) if (manifest := self._known[ref])]
+
     def lineage(self, refs: Sequence[ArtifactRef]) -> Iterator[LineageNode]:
         """Some of the evaluations and everything they were made from, each once; models are called by their names."""
         names = dict(zip(self._refs[::-1], [row.label for row in self._rows][::-1], strict=True))
