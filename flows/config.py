@@ -169,7 +169,9 @@ class StudyConfig(FlowConfig):
     def _has_the_points_of_its_curves(self) -> Self:
         for name, curve in self.curves.items():
             for condition in curve.conditions:
-                check_known(condition, self.conditions)
+                if condition not in self.conditions:
+                    near = did_you_mean(condition, self.conditions)
+                    raise ValueError(f"curves.{name}: unknown condition '{printable(condition)}'{near}")
             self._points(name)
         return self
 

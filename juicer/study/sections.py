@@ -9,11 +9,11 @@ from juicer.study.claims import claims_section
 from juicer.study.curve_section import curve_section
 from juicer.study.effort import cost_section, data_section, effort_section
 from juicer.study.material import TaskStudy
-from juicer.study.success import success_section, tests_section
+from juicer.study.success import differences_section, success_section
 
 Builder = Callable[[Sequence[TaskStudy]], Section | None]
 BESIDE_RATES: tuple[Builder, ...] = (
-    tests_section,
+    differences_section,
     curve_section,
     claims_section,
     effort_section,

@@ -30,7 +30,7 @@ def success_section(studies: Sequence[TaskStudy]) -> Section | None:
     )
 
 
-def tests_section(studies: Sequence[TaskStudy]) -> Section | None:
+def differences_section(studies: Sequence[TaskStudy]) -> Section | None:
     """Paired tests between all conditions that differ in their method alone."""
     tables = []
     for study in studies:

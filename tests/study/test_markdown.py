@@ -7,7 +7,7 @@ from dataclasses import replace
 from juicer.reporting.section import Chart, Section, Table
 from juicer.study.markdown import write_markdown
 from juicer.study.sections import sections
-from juicer.study.success import success_section, tests_section
+from juicer.study.success import differences_section, success_section
 
 
 def test_a_page_holds_its_tables_and_its_drawings_lie_beside_it(tmp_path):
@@ -36,14 +36,14 @@ def test_conditions_that_change_alike_are_tested_with_each_other_only(study, res
         result("bc", 0.4), result("ta", 0.8), result("ten_bc", 0.1), result("ten_ta", 0.5), result("alone", 0.3),
         settings={"ten_bc": "randomness med", "ten_ta": "randomness med", "alone": "rounds 2"},
     )  # fmt: skip
-    rates, tests = sections([tried], (success_section, tests_section))
+    rates, tests = sections([tried], (success_section, differences_section))
     assert [table.title for table in rates.tables] == ["one_leg", "one_leg, randomness med"]
     assert [[row[0] for row in table.rows] for table in tests.tables] == [["BC → TA"], ["TEN_BC → TEN_TA"]]
     assert tests.tables[0].rows[0][1] == "+40 points"
 
 
 def test_all_pairs_are_shown_at_once_with_a_star_where_they_differ(study, result):
-    section = tests_section([study(result("bc", 0.4), result("ta", 0.8), result("ci", 0.42))])
+    section = differences_section([study(result("bc", 0.4), result("ta", 0.8), result("ci", 0.42))])
     assert section is not None
     _, matrix = section.tables
     assert matrix.columns == ("", "BC", "TA", "CI")
