@@ -50,8 +50,8 @@ class Section:
         short: Its name in a list of sections.
         title: Its heading.
         note: What all of it has in common.
-        tables: In order.
-        charts: In order, after the tables.
+        tables: In order, after the charts.
+        charts: In order.
     """
 
     anchor: str

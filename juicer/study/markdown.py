@@ -40,15 +40,15 @@ def _lines(title: str, facts: Mapping[str, str], sections: Sequence[Section], fo
         yield f"## {_cell(section.title)}\n"
         if section.note:
             yield f"{_cell(section.note)}\n"
+        for chart in section.charts:
+            yield f"![{_cell(chart.title)}]({folder}/{chart.name}.png)\n"
+            yield f"{_cell(chart.title)}. {_cell(chart.note)}\n"
         for table in section.tables:
             if table.title:
                 yield f"### {_cell(table.title)}\n"
             yield from _table(table)
             if table.note:
                 yield f"{_cell(table.note)}\n"
-        for chart in section.charts:
-            yield f"![{_cell(chart.title)}]({folder}/{chart.name}.png)\n"
-            yield f"{_cell(chart.title)}. {_cell(chart.note)}\n"
 
 
 def _table(table: Table) -> Iterator[str]:

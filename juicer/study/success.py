@@ -11,7 +11,7 @@ from juicer.study.material import Measured, TaskStudy
 from juicer.study.statistics import Difference, differences, p_text, points
 
 REFERENCE = "bc"
-"""What others are compared with, where it is among them."""
+"""What others are compared with, where it is among them; else the first of them."""
 
 
 def success_section(studies: Sequence[TaskStudy]) -> Section | None:
