@@ -177,7 +177,7 @@ class StudyConfig(FlowConfig):
 
     @property
     def drawn_curves(self) -> tuple[Curve, ...]:
-        """The curves, over those of their conditions that are trained."""
+        """The curves, with the number of each of their conditions."""
         return tuple(
             Curve(name=name, title=curve.title, axis=curve.axis, fit=curve.fit, points=self._points(name))
             for name, curve in self.curves.items()
@@ -188,7 +188,6 @@ class StudyConfig(FlowConfig):
         return {
             condition: curve.number(condition, self.loop(condition).model_dump(mode="json"), f"curves.{name}")
             for condition in curve.conditions
-            if condition in self.conditions
         }
 
     def narrowed(self, conditions: Sequence[str], seeds: Sequence[int]) -> StudyConfig:
@@ -204,12 +203,13 @@ class StudyConfig(FlowConfig):
         for seed in seeds:
             if seed not in self.seeds:
                 raise ConfigError(f"the study has no seed {seed}; its seeds are {', '.join(map(str, self.seeds))}")
+        kept = {name: own for name, own in self.conditions.items() if not conditions or name in conditions}
+        curves = {name: curve.narrowed(kept) for name, curve in self.curves.items()}
         return self.model_copy(
             update={
-                "conditions": {
-                    name: own for name, own in self.conditions.items() if not conditions or name in conditions
-                },
+                "conditions": kept,
                 "seeds": tuple(each for each in self.seeds if not seeds or each in seeds),
+                "curves": {name: curve for name, curve in curves.items() if curve.conditions},
             }
         )
 

@@ -14,12 +14,14 @@ class Table:
         rows: Cells, as many a row as there are headings.
         title: What it shows, if a section has several.
         note: What a reader must know to read it.
+        words: Columns, from the first, that hold words; the others hold numbers.
     """
 
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     title: str = ""
     note: str = ""
+    words: int = 1
 
 
 @dataclass(frozen=True)

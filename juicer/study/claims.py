@@ -105,5 +105,5 @@ def claims_section(studies: Sequence[TaskStudy]) -> Section | None:
         f"{told}. A statement about two conditions holds, or does not, if McNemar's exact test and the interval of the "
         "difference over models and episodes both say so (each statement tested by itself, at 5 %); else it cannot be "
         "told. Intervals are 95 %.",
-        (Table(("statement", "where", "task", "verdict", "by what"), tuple(rows)),),
+        (Table(("statement", "where", "task", "verdict", "by what"), tuple(rows), words=5),),
     )

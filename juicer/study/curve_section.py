@@ -53,7 +53,7 @@ def _table(study: TaskStudy, curve: Curve, found: Points, fit: Saturation | None
         for x, result in found
     )
     columns = (curve.axis, "condition", "average", "95% interval", "best", "models", "paper")
-    return Table(columns, rows, f"{study.task}: {curve.title}", " ".join(_sentences(study, curve, found, fit)))
+    return Table(columns, rows, f"{study.task}: {curve.title}", " ".join(_sentences(study, curve, found, fit)), 2)
 
 
 def _sentences(study: TaskStudy, curve: Curve, found: Points, fit: Saturation | None) -> Iterator[str]:
@@ -61,9 +61,7 @@ def _sentences(study: TaskStudy, curve: Curve, found: Points, fit: Saturation | 
     if len(found) > 1:
         others = ", ".join(f"{other:g}" for other, _ in equals)
         yield f"The best average, {percent(best.average)}, is at {x:g}; " + (
-            f"{others} cannot be told apart from it (McNemar's exact test, Holm)."
-            if others
-            else "all others are worse."
+            f"{others} cannot be told apart from it (paired tests, Holm)." if others else "all others are worse."
         )
     if fit:
         low, high = fit.enough_interval

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -43,6 +43,11 @@ class CurveConfig(StrictConfig):
     def _names_alone(cls, given: Any) -> Any:
         is_list = isinstance(given, list | tuple) and all(isinstance(name, str) for name in given)
         return dict.fromkeys(given) if is_list else given
+
+    def narrowed(self, conditions: Collection[str]) -> CurveConfig:
+        """The same over some of its conditions."""
+        kept = {name: value for name, value in self.conditions.items() if name in conditions}
+        return self.model_copy(update={"conditions": kept})
 
     def number(self, condition: str, configuration: Mapping[str, Any], name: str) -> float:
         """The number of a condition: said by the curve itself, or else by the configuration.

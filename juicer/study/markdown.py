@@ -35,7 +35,7 @@ def write_markdown(path: Path, title: str, facts: Mapping[str, str], sections: S
 
 def _lines(title: str, facts: Mapping[str, str], sections: Sequence[Section], folder: str) -> Iterator[str]:
     yield f"# {_cell(title)}\n"
-    yield from _table(Table(("", ""), tuple(facts.items())))
+    yield from _table(Table(("", ""), tuple(facts.items()), words=2))
     for section in sections:
         yield f"## {_cell(section.title)}\n"
         if section.note:
@@ -53,7 +53,7 @@ def _lines(title: str, facts: Mapping[str, str], sections: Sequence[Section], fo
 
 def _table(table: Table) -> Iterator[str]:
     yield _row(table.columns)
-    yield _row(["---", *("---:" for _ in table.columns[1:])])
+    yield _row(["---" if place < table.words else "---:" for place, _ in enumerate(table.columns)])
     yield from map(_row, table.rows)
     yield ""
 

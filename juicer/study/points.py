@@ -30,7 +30,7 @@ def rivals(study: TaskStudy, found: Points) -> tuple[tuple[float, ConditionResul
     """The best point, and those that cannot be told apart from it, all tested against it together."""
     x, best = max(found, key=lambda point: point[1].average)
     others = [(place, result) for place, result in found if result is not best and study.are_paired(result, best)]
-    worse = {each.second.condition for each in against(best, [result for _, result in others]) if each.is_significant}
+    worse = {each.second.condition for each in against(best, [result for _, result in others]) if each.is_clear}
     return (x, best), [(place, result) for place, result in others if result.condition not in worse]
 
 

@@ -69,8 +69,8 @@ class Best:
         best = study.measured[self.best].result
         others = [study.measured[name].result for name in self.among]
         found = against(best, others)
-        above = [each.second.title for each in found if each.is_significant and each.test.difference > 0]
-        equal = [f"{each.second.title} ({points(-each.test.difference)})" for each in found if not each.is_significant]
+        above = [each.second.title for each in found if each.is_clear and each.test.difference > 0]
+        equal = [f"{each.second.title} ({points(-each.test.difference)})" for each in found if not each.is_clear]
         if above:
             return Verdict(Ruling.FAILS, f"{', '.join(above)} succeeds more often")
         if equal:
@@ -170,9 +170,7 @@ class Untested:
 
 
 def _ruling(found: Difference) -> Ruling:
-    """A difference holds if both the test and the interval over models and episodes say so."""
-    low, high = found.interval
-    if not found.is_significant or low <= 0 <= high:
+    if not found.is_clear:
         return Ruling.OPEN
     return Ruling.HOLDS if found.test.difference > 0 else Ruling.FAILS
 

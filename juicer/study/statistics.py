@@ -40,6 +40,12 @@ class Difference:
         """Whether the two succeed unequally often, all tests made together erring once in twenty."""
         return self.p_adjusted < LEVEL
 
+    @property
+    def is_clear(self) -> bool:
+        """Whether the test and the interval both say so: the one speaks of these models, the other of their recipes."""
+        low, high = self.interval
+        return self.is_significant and not low <= 0 <= high
+
     def __str__(self) -> str:
         """E.g. ``+12 points (4 to 20), p = 0.003``."""
         low, high = self.interval

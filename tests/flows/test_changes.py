@@ -8,7 +8,7 @@ import re
 import pytest
 
 from flows.command.cli import call
-from flows.config import load_runs
+from flows.config import StudyConfig, load_runs
 from flows.loop_config import LoopConfig
 from flows.running.execution import execute
 from flows.running.plan import calls_of, evaluated_models, plan
@@ -161,7 +161,11 @@ def test_a_curve_needs_conditions_of_the_study_and_a_number_of_each(sweep, curve
 def test_a_curve_has_the_points_of_the_conditions_that_are_run(sweep):
     (config,) = load_runs(sweep, ["curves.steps.conditions={bc: 0, longer: null}"])
     assert [dict(curve.points) for curve in config.drawn_curves] == [{"bc": 0.0, "longer": 40.0}]
-    assert [dict(curve.points) for curve in config.narrowed(["longer"], ()).drawn_curves] == [{"longer": 40.0}]
+    narrowed = config.narrowed(["longer"], ())
+    assert [dict(curve.points) for curve in narrowed.drawn_curves] == [{"longer": 40.0}]
+    assert config.narrowed(["same"], ()).drawn_curves == ()
+    # Prefect validates what a flow is given once more.
+    assert StudyConfig.model_validate(narrowed.model_dump(mode="json")) == narrowed
 
 
 def test_the_report_draws_the_curve_and_tests_conditions_that_change_alike(finished):
