@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from flows.shipped import CONFIGS
 from juicer.config import StrictConfig, read_mapping
@@ -16,6 +16,20 @@ from juicer.text import printable
 
 MOST_ROUNDS = 100
 MOST_DEFINITIONS = 100
+OF_THE_RUN = (
+    "base",
+    "flow",
+    "name",
+    "task",
+    "tasks",
+    "mix",
+    "condition",
+    "conditions",
+    "seed",
+    "seeds",
+    "curves",
+)
+"""Keys of the top level that no condition changes for itself."""
 
 
 @cache
@@ -74,6 +88,21 @@ class Condition(StrictConfig):
     )
     state_noise: bool = Field(default=False, description="whether observed states are perturbed in training")
     replay: bool = Field(default=False, description="whether it plays demonstrations instead of learning from them")
+    changes: dict[str, Any] = Field(
+        default={}, description="what differs for this condition, under the keys of a configuration's top level"
+    )
+
+    @property
+    def setting(self) -> str:
+        """What it changes, in words; empty if nothing."""
+        return ", ".join(_told(self.changes))
+
+    @field_validator("changes")
+    @classmethod
+    def _are_of_a_condition(cls, changes: dict[str, Any]) -> dict[str, Any]:
+        if said := next((key for key in changes if key in OF_THE_RUN), None):
+            raise ValueError(f"'{said}' is said once for the whole run; leave it out of a condition's changes")
+        return changes
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:
@@ -84,6 +113,14 @@ class Condition(StrictConfig):
         if self.rounds and not self.collect:
             raise ValueError("rounds are those of a condition that collects: add collect: true, or leave them out")
         return self
+
+
+def _told(changes: Mapping[str, Any], outer: str = "") -> Iterator[str]:
+    for key, value in changes.items():
+        if isinstance(value, Mapping) and value:
+            yield from _told(value, f"{outer}{key}.")
+        else:
+            yield f"{outer}{key} {printable(value)}"
 
 
 def defined(given: Any) -> Any:

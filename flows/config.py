@@ -13,13 +13,15 @@ from pydantic import Field, ValidationInfo, field_serializer, field_validator, m
 from flows.analyses import SamplingAnalysis
 from flows.conditions import MOST_DEFINITIONS, Condition, Name, check_known, defaults, defined, shipped
 from flows.loop_config import LoopConfig
-from flows.written import TASKS_KEY, Written, read_written, settled, take_written
-from juicer.config import parse_config
+from flows.written import CHANGES_KEY, CONDITIONS_KEY, TASKS_KEY, Written, read_written, settled, take_written
+from juicer.config import Place, nowhere, parse_config
 from juicer.errors import ConfigError, did_you_mean
 from juicer.policy.config import PolicyConfig, sampled_in
 from juicer.seed_ranges import SEED_RANGES, Purpose
+from juicer.study.curves import Curve, CurveConfig
 from juicer.tasks.registry import TASK_NAMES
 from juicer.text import printable
+from juicer.yaml_reading import Keys
 
 MOST_SEEDS = 1000
 FLOW_KEY = "flow"
@@ -45,8 +47,8 @@ class FlowConfig(LoopConfig):
         return defined(given)
 
     @model_validator(mode="after")
-    def _is_possible(self) -> Self:
-        _check_run(self)
+    def _is_possible(self, info: ValidationInfo) -> Self:
+        _check_run(self, info.context or nowhere)
         stop = self.evaluate.stop
         if stop and stop.width is None and (len(self.chosen) == 1 or not stop.comparison):
             raise ValueError(
@@ -69,7 +71,7 @@ class FlowConfig(LoopConfig):
         for key, analysis in self.analyses.items():
             if isinstance(analysis, SamplingAnalysis):
                 for name in self.chosen:
-                    policy = self.final_training(self.method(name), 0).policy
+                    policy = self.loop(name).final_training(self.method(name), 0).policy
                     if policy.draws_samples and analysis.concerns(name, is_first_seed=True):
                         _check_steps(policy, analysis, key)
         return self
@@ -80,6 +82,27 @@ class FlowConfig(LoopConfig):
         assert found is not None, f"condition {name} was not checked"
         return found
 
+    def loop(self, name: str, place: Place = nowhere) -> LoopConfig:
+        """The loop of a condition's models: this one, with what the condition changes laid over it.
+
+        Args:
+            name: The condition.
+            place: Where the values of this configuration were written.
+
+        Raises:
+            ConfigError: If a key or value among the changes is not valid.
+        """
+        condition, origin = self.method(name), f"{CONDITIONS_KEY}.{name}.{CHANGES_KEY}"
+
+        def said_at(keys: Keys) -> str | None:
+            found = place((CONDITIONS_KEY, name, CHANGES_KEY, *keys))
+            return f"{found}: {origin}" if found else None
+
+        if not condition.changes:
+            return self
+        whole: LoopConfig = self if condition.joint_policy else self.model_copy(update={MIX_KEY: {}})
+        return whole.changed(condition.changes, origin, said_at)
+
     @property
     @abstractmethod
     def models(self) -> tuple[tuple[str, int], ...]:
@@ -89,6 +112,11 @@ class FlowConfig(LoopConfig):
     def chosen(self) -> tuple[str, ...]:
         """Names of the conditions that are trained, in order."""
         return tuple(dict.fromkeys(name for name, _ in self.models))
+
+    @property
+    def drawn_curves(self) -> tuple[Curve, ...]:
+        """Curves over conditions; one model makes none."""
+        return ()
 
     @property
     def is_joint(self) -> bool:
@@ -161,6 +189,7 @@ class StudyConfig(FlowConfig):
 
     Attributes:
         conditions: What is compared: what each condition is made of, by name.
+        curves: By name, conditions that differ in one number, drawn over it.
     """
 
     flow: Literal["study"] = "study"
@@ -168,6 +197,32 @@ class StudyConfig(FlowConfig):
         default_factory=_all_of_the_paper, min_length=1, max_length=MOST_DEFINITIONS
     )
     seeds: tuple[RunSeed, ...] = Field(default=(0, 1, 2, 3, 4), min_length=1, max_length=MOST_SEEDS)
+    curves: dict[Name, CurveConfig] = Field(default={}, max_length=MOST_DEFINITIONS)
+
+    @model_validator(mode="after")
+    def _has_the_points_of_its_curves(self) -> Self:
+        for name, curve in self.curves.items():
+            for condition in curve.conditions:
+                if condition not in self.conditions:
+                    near = did_you_mean(condition, self.conditions)
+                    raise ValueError(f"curves.{name}: unknown condition '{printable(condition)}'{near}")
+            self._points(name)
+        return self
+
+    @property
+    def drawn_curves(self) -> tuple[Curve, ...]:
+        """The curves, with the number of each of their conditions."""
+        return tuple(
+            Curve(name=name, title=curve.title, axis=curve.axis, fit=curve.fit, points=self._points(name))
+            for name, curve in self.curves.items()
+        )
+
+    def _points(self, name: str) -> dict[str, float]:
+        curve = self.curves[name]
+        return {
+            condition: curve.number(condition, self.loop(condition).model_dump(mode="json"), f"curves.{name}")
+            for condition in curve.conditions
+        }
 
     def narrowed(self, conditions: Sequence[str], seeds: Sequence[int]) -> StudyConfig:
         """The same with some conditions or seeds only, in the study's order; with all of them where none is given.
@@ -182,12 +237,13 @@ class StudyConfig(FlowConfig):
         for seed in seeds:
             if seed not in self.seeds:
                 raise ConfigError(f"the study has no seed {seed}; its seeds are {', '.join(map(str, self.seeds))}")
+        kept = {name: own for name, own in self.conditions.items() if not conditions or name in conditions}
+        curves = {name: curve.narrowed(kept) for name, curve in self.curves.items()}
         return self.model_copy(
             update={
-                "conditions": {
-                    name: own for name, own in self.conditions.items() if not conditions or name in conditions
-                },
+                "conditions": kept,
                 "seeds": tuple(each for each in self.seeds if not seeds or each in seeds),
+                "curves": {name: curve for name, curve in curves.items() if curve.conditions},
             }
         )
 
@@ -223,26 +279,30 @@ _FLOWS: Mapping[str, type[CollectInferConfig] | type[StudyConfig]] = {
 }
 
 
-def _check_run(config: FlowConfig) -> None:
+def _check_run(config: FlowConfig, place: Place) -> None:
     """Refuse at once what would otherwise be noticed after a training.
 
     Raises:
         ValueError: If a condition has no such policy, a model is for several tasks and there are none, or finds no
             initial states to collect from or to be evaluated on.
+        ConfigError: If what a condition changes is not valid.
     """
-    collecting = []
+    largest: float = math.inf
     for name in config.chosen:
-        condition = config.method(name)
+        condition, loop = config.method(name), config.loop(name, place)
         if condition.joint_policy and len(config.mix) < 2:
             raise ValueError(f"condition {name} needs several tasks; the file that names it must list them under tasks")
-        loops = config.mix.values() if condition.joint_policy else (config,)
+        loops = (loop, *(loop.mix.values() if condition.joint_policy else ()))
         for policy in (condition.policy, condition.joint_policy or condition.policy):
-            for loop in (config, *loops):
-                if policy not in loop.policies:
-                    near = did_you_mean(policy, loop.policies)
+            for each in loops:
+                if policy not in each.policies:
+                    near = did_you_mean(policy, each.policies)
                     raise ValueError(f"conditions.{name}: there is no policy '{policy}'{near}")
-        collecting += [loop.largest_seed(condition) for loop in loops if condition.collect]
-    largest, seed = min(collecting, default=math.inf), max(seed for _, seed in config.models)
+        for each in loops:
+            _check_states(each, f"conditions.{name}.changes: " if condition.changes else "")
+        if condition.collect:
+            largest = min(largest, *(each.largest_seed(condition) for each in loops), math.inf)
+    seed = max(seed for _, seed in config.models)
     if largest < 0:
         raise ValueError("initial states to collect from run out; lower collect.max_episodes, collect.first or rounds")
     if seed > largest:
@@ -250,12 +310,13 @@ def _check_run(config: FlowConfig) -> None:
             f"seed {seed} is too large: there are initial states to collect from for seeds up to {largest}; "
             "take a smaller seed, or lower collect.max_episodes"
         )
-    if config.evaluate.first + config.evaluate.episodes > len(SEED_RANGES[Purpose.EVALUATION]):
-        raise ValueError("initial states to evaluate on run out; lower evaluate.first or evaluate.episodes")
-    if config.logs is None and config.record.first + config.record.max_recordings > len(
-        SEED_RANGES[Purpose.DEMONSTRATIONS]
-    ):
-        raise ValueError("initial states to record from run out; lower record.first or record.max_recordings")
+
+
+def _check_states(loop: LoopConfig, where: str) -> None:
+    if loop.evaluate.first + loop.evaluate.episodes > len(SEED_RANGES[Purpose.EVALUATION]):
+        raise ValueError(f"{where}initial states to evaluate on run out; lower evaluate.first or evaluate.episodes")
+    if loop.logs is None and loop.record.first + loop.record.max_recordings > len(SEED_RANGES[Purpose.DEMONSTRATIONS]):
+        raise ValueError(f"{where}initial states to record from run out; lower record.first or record.max_recordings")
 
 
 def load_runs(source: Path | str, overrides: Sequence[str] = ()) -> tuple[RunConfig, ...]:

@@ -52,6 +52,7 @@ class ModelOutcome:
         finding: Why it learned from less than it should, as a sentence.
         observes: What it sees, and what it was taught with beside; empty if that is not known.
         analyses: What else was found out about it, by the names in the configuration.
+        setting: What its condition changes in the configuration, in words; empty if nothing.
     """
 
     condition: str
@@ -63,6 +64,7 @@ class ModelOutcome:
     observes: str = ""
     analyses: Mapping[str, ArtifactRef] = field(default_factory=dict)
     shifted: Mapping[str, ArtifactRef | None] = field(default_factory=dict)
+    setting: str = ""
 
 
 @dataclass(frozen=True)
@@ -116,19 +118,19 @@ def run_model(session: Session, config: RunConfig, name: str, seed: int) -> Mode
 
     A model that finds nothing to retrain on is evaluated as it is: a condition's average must not leave out its worst.
     """
-    condition = config.method(name)
+    condition, loop = config.method(name), config.loop(name)
     findings: list[str] = []
     if condition.replay:
-        demonstrations = get_demonstrations(session, config)
+        demonstrations = get_demonstrations(session, loop)
         checkpoint = memorise(session, episodes=demonstrations, config=MemoriseConfig())
     elif condition.joint_policy:
-        checkpoint, findings = _train_jointly(session, config, condition, seed)
+        checkpoint, findings = _train_jointly(session, loop, condition, seed)
     else:
-        data = _gather(session, config, condition, seed)
+        data = _gather(session, loop, condition, seed)
         session = data.session
-        checkpoint = _train(session, config, config.final_training(condition, seed), [data])
+        checkpoint = _train(session, loop, loop.final_training(condition, seed), [data])
         findings = [*data.findings, *_findings(session, checkpoint)]
-    evaluation = measure(session, checkpoint, config.evaluation, config.evaluate.stop)
+    evaluation = measure(session, checkpoint, loop.evaluation, config.evaluate.stop)
     findings += _findings(session, evaluation)
     observes = _observes(session, evaluation)
     title = condition.title if observes in ("", STATE) else f"{condition.title} ({observes})"
@@ -140,8 +142,9 @@ def run_model(session: Session, config: RunConfig, name: str, seed: int) -> Mode
         evaluation=evaluation,
         finding="; ".join(findings),
         observes=observes,
+        setting=condition.setting,
         analyses=_analyses(session, config, name, seed, checkpoint),
-        shifted=_evaluate_shifted(session, config, condition, checkpoint),
+        shifted=_evaluate_shifted(session, loop, condition, checkpoint),
     )
 
 
@@ -149,37 +152,38 @@ def _analyses(
     session: Session, config: RunConfig, name: str, seed: int, checkpoint: ArtifactRef
 ) -> dict[str, ArtifactRef]:
     """What is asked of this model; there are no samples to analyse of one that always predicts the same."""
-    condition = config.method(name)
-    if condition.replay or not config.final_training(condition, seed).policy.draws_samples:
+    condition, loop = config.method(name), config.loop(name)
+    if condition.replay or not loop.final_training(condition, seed).policy.draws_samples:
         return {}
-    get = partial(get_demonstrations, session, config)
+    get = partial(get_demonstrations, session, loop)
     return {
-        key: analyse(session, config, checkpoint, analysis, get)
-        for key, analysis in config.analyses.items()
+        key: analyse(session, loop, checkpoint, analysis, get)
+        for key, analysis in loop.analyses.items()
         if analysis.concerns(name, is_first_seed=seed == config.seeds[0])
     }
 
 
 def _evaluate_shifted(
-    session: Session, config: LoopConfig, condition: Condition, checkpoint: ArtifactRef
+    session: Session, loop: LoopConfig, condition: Condition, checkpoint: ArtifactRef
 ) -> dict[str, ArtifactRef | None]:
     """How a model does under each shift that it can notice."""
-    sees_images = not condition.replay and bool(config.final_training(condition, seed=0).policy.views_seen)
+    sees_images = not condition.replay and bool(loop.final_training(condition, seed=0).policy.views_seen)
     return {
         name: evaluate(
             session.for_model(f"{session.label} under {name}", session.record),
             checkpoint=checkpoint,
-            config=config.evaluation_under(shift),
+            config=loop.evaluation_under(shift),
         )
         if shift.can_be_noticed(sees_images=sees_images)
         else None
-        for name, shift in config.shifts.items()
+        for name, shift in loop.shifts.items()
     }
 
 
 def evaluate_further(session: Session, config: RunConfig, model: ModelOutcome) -> ModelOutcome:
     """The same model, evaluated on one more block of initial states."""
-    evaluation = measure(session, model.checkpoint, config.evaluation, config.evaluate.stop, model.evaluation)
+    measured = config.loop(model.condition).evaluation
+    evaluation = measure(session, model.checkpoint, measured, config.evaluate.stop, model.evaluation)
     return replace(model, evaluation=evaluation)
 
 

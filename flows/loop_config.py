@@ -15,7 +15,7 @@ from flows.conditions import MOST_DEFINITIONS, MOST_ROUNDS, Condition, Name, def
 from flows.stopping import StoppableSection
 from flows.written import POLICIES_KEY, Written, settled
 from juicer.annotation.propose import AnnotationConfig
-from juicer.config import ConfigT, StrictConfig
+from juicer.config import ConfigT, Place, StrictConfig, parse_config
 from juicer.demonstration.ingestion import IngestionConfig, IngestionSection
 from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.shifts import Shift
@@ -131,6 +131,22 @@ class LoopConfig(StrictConfig):
         for shift in self.shifts.values():
             shift.check(self.evaluation.randomness)
         return self
+
+    def changed(self, changes: Mapping[str, Any], origin: str, place: Place) -> LoopConfig:
+        """The same with other values laid over it; a model for several tasks has the loops of these changed as well.
+
+        Args:
+            changes: Keys and values of the top level.
+            origin: What to call them in errors.
+            place: More exactly where a value among them was written.
+
+        Raises:
+            ConfigError: If a key or value is not valid.
+        """
+        own = self.model_dump(mode="json", include=set(LoopConfig.model_fields) - {"mix"})
+        loop = parse_config(Written(changes).over(Written(own)).values, LoopConfig, origin, place)
+        mix = {task: each.changed(changes, origin, place) for task, each in self.mix.items()}
+        return loop.model_copy(update={"mix": mix})
 
     @property
     def recording(self) -> RecordConfig:

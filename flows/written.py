@@ -15,8 +15,10 @@ from juicer.text import printable
 from juicer.yaml_reading import MOST_DEPTH, Document, Keys, UnreadableYaml, check_plain, read_yaml
 
 BASE_KEY, TASKS_KEY, KIND_KEY, POLICIES_KEY = "base", "tasks", "kind", "policies"
+CONDITIONS_KEY, CHANGES_KEY = "conditions", "changes"
 PATH_KEYS = ("logs", "labels")
-"""Keys of the top level, and of each task, that name files: relative to the file that they are written in."""
+"""Keys that name files, relative to the file that they are written in: of the top level, of a task, of a condition's
+changes."""
 ASSIGNED = "--set"
 
 
@@ -267,12 +269,19 @@ def _with_paths(values: Mapping[str, Any], folder: Path | None, origin: str) -> 
     for key in PATH_KEYS:
         if isinstance(text := result.get(key), str):
             result[key] = str(_path(text, folder, origin, key))
-    tasks = result.get(TASKS_KEY)
-    if isinstance(tasks, Mapping):
-        result[TASKS_KEY] = {
-            task: _with_paths(own, folder, origin) if isinstance(own, Mapping) else own for task, own in tasks.items()
-        }
+    for key, section in ((TASKS_KEY, ""), (CONDITIONS_KEY, CHANGES_KEY)):
+        if isinstance(each := result.get(key), Mapping):
+            result[key] = {name: _with_paths_below(own, section, folder, origin) for name, own in each.items()}
     return result
+
+
+def _with_paths_below(own: Any, section: str, folder: Path | None, origin: str) -> Any:
+    """The same for a task, or for the section of a condition."""
+    if not isinstance(own, Mapping):
+        return own
+    if not section:
+        return _with_paths(own, folder, origin)
+    return {**own, section: _with_paths_below(own[section], "", folder, origin)} if section in own else own
 
 
 def _assignment(text: str) -> tuple[tuple[str, ...], Any]:

@@ -88,25 +88,29 @@ def read_mapping(path: Path) -> dict[str, Any]:
     return content
 
 
-def parse_config(
-    content: Mapping[str, Any],
-    model: type[ConfigT],
-    origin: str,
-    place: Callable[[Keys], str | None] = lambda keys: None,
-) -> ConfigT:
+Place = Callable[[Keys], str | None]
+"""Says where the value at some keys was written, if that is known."""
+
+
+def nowhere(keys: Keys) -> str | None:
+    """The place of what stands in no file."""
+    return None
+
+
+def parse_config(content: Mapping[str, Any], model: type[ConfigT], origin: str, place: Place = nowhere) -> ConfigT:
     """Validate a mapping.
 
     Args:
         content: The mapping.
         model: What it shall become.
         origin: Where it came from, for the error.
-        place: More exactly where a value came from, if that is known.
+        place: More exactly where a value came from; validators find it as their context.
 
     Raises:
         ConfigError: With one sentence that names the first offending key and how to mend it.
     """
     try:
-        return model.model_validate(content)
+        return model.model_validate(content, context=place)
     except ValidationError as error:
         problem = first_problem(error, content, model)
         raise ConfigError(f"{printable(place(problem.keys) or origin)}: {problem.sentence}") from None

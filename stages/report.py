@@ -16,11 +16,11 @@ from juicer.evaluation import ConditionResult
 from juicer.reporting.analyses import AnalysisRow, shown_analyses
 from juicer.reporting.comparison import ReportRow, condition_results
 from juicer.reporting.content import EpisodeVideo
-from juicer.reporting.report import configuration_text, gather
 from juicer.reporting.seen import views_of
 from juicer.reporting.varied_images import varied_images
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.evaluations import EXAMPLES, read_evaluation
+from juicer.study.curves import Curve
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
 
@@ -41,6 +41,7 @@ class ReportConfig(StrictConfig):
         task: Assembly task, whose figures of the paper are shown.
         rows: Whose evaluations they are, in their order.
         analyses: Whose analyses they are, in their order.
+        curves: What is drawn over several conditions.
         findings: Sentences that a reader must not miss.
         facts: Setting of the run in a few name-value pairs.
         configuration: The whole configuration of the run, as it can be run again.
@@ -52,6 +53,7 @@ class ReportConfig(StrictConfig):
     task: str = "one_leg"
     rows: tuple[ReportRow, ...] = ()
     analyses: tuple[AnalysisRow, ...] = ()
+    curves: tuple[Curve, ...] = ()
     findings: tuple[str, ...] = ()
     facts: Mapping[str, str] = Field(default_factory=dict)
     configuration: Mapping[str, Any] = Field(default_factory=dict)
@@ -73,9 +75,13 @@ def report(
 ) -> None:
     """Write the page about evaluated models, and videos of a success and a failure."""
     from juicer.reporting.page import write_page  # drawing libraries take long to import
+    from juicer.reporting.report import configuration_text, gather
+    from juicer.study.material import task_study
+    from juicer.study.sections import BESIDE_RATES, sections
 
     _check(evaluations, config)
     results = condition_results(context.store, evaluations, config.rows)
+    study = task_study(context.store, config.task, evaluations, config.rows, config.curves)
     videos, findings = _videos(context, evaluations, config, results)
     shown = tuple(shown_analyses(context.store, analyses, config.analyses))
     data = gather(
@@ -84,6 +90,7 @@ def report(
         config.rows,
         title=config.title,
         task=config.task,
+        sections=sections([study], BESIDE_RATES),
         facts=config.facts,
         findings=(*config.findings, *findings),
         videos=videos,
@@ -92,6 +99,8 @@ def report(
         links=config.links,
     )
     write_page(data, context.draft.path / PAGE)
+    for chart in (chart for section in data.sections for chart in section.charts):
+        (context.draft.path / f"{chart.name}.png").write_bytes(chart.png)
     for number, figure in enumerate(varied_images(context.store, evaluations)):
         (context.draft.path / f"{VARIED}{number or ''}.png").write_bytes(figure)
     for row, analysis in zip(config.analyses, shown, strict=True):

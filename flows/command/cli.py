@@ -154,6 +154,25 @@ def explain(
     explain_stage(name, Choice.of(config, overrides, task, condition, seed), as_json)
 
 
+@app.command()
+def report(
+    config: Configuration,
+    overrides: Overrides = None,
+    task: Tasks = None,
+    condition: Conditions = None,
+    seed: Seeds = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="Page to write; drawings go beside it.")
+    ] = Path("study.md"),
+    as_json: AsJson = False,
+) -> None:
+    """Write what is known of a study so far, all its tasks together, as a page in Markdown."""
+    from flows.command.choice import Choice
+    from flows.command.report import write_report_page
+
+    write_report_page(Choice.of(config, overrides, task, condition, seed), output, as_json)
+
+
 @app.command("ls")
 def list_artifacts(
     kind: Annotated[

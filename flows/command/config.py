@@ -44,7 +44,7 @@ def full_content(written: Written, runs: list[RunConfig]) -> dict[str, Any]:
     """What was written with all that was left open; of several tasks, only what was said of each."""
     first = runs[0]
     content: dict[str, Any] = {FLOW_KEY: written.values.get(FLOW_KEY, DEFAULT_FLOW)}
-    own = ("conditions", "seeds") if content[FLOW_KEY] == "study" else ("conditions", "condition", "seed")
+    own = ("conditions", "seeds", "curves") if content[FLOW_KEY] == "study" else ("conditions", "condition", "seed")
     of_flow = first.model_dump(mode="json", include=set(own))
     common = {key: value for key, value in written.values.items() if key in LoopConfig.model_fields}
     loop = parse_config(common, LoopConfig, "the configuration", written.place).model_dump(mode="json", exclude={"mix"})

@@ -20,7 +20,7 @@ from stages.report import VARIED
 from stages.runtime.prefect_display import attempt
 from stages.runtime.prefect_task import PrefectPerformer
 
-_CAPTIONS = {VARIED: "Images as policies see them when acting, and as they were varied in training"}
+_VARIED_IMAGES = "Images as policies see them when acting, and as they were varied in training"
 
 
 def run(config: RunConfig) -> RunOutcome:
@@ -61,7 +61,7 @@ def _show(outcome: RunOutcome, store: ArtifactStore) -> None:
     for figure in sorted(store.open(outcome.report).glob("*.png")) if outcome.report else ():
         address = f"data:image/png;base64,{base64.b64encode(figure.read_bytes()).decode()}"
         key = figure.stem.replace("_", "-").lower()
-        told = _CAPTIONS.get(figure.stem.rstrip("0123456789"), figure.stem.replace("_", " "))
+        told = _VARIED_IMAGES if figure.stem.startswith(VARIED) else figure.stem.replace("_", " ")
         attempt(create_image_artifact, image_url=address, key=key, description=told)
     if outcome.findings:
         lines = "\n".join(f"- {finding}" for finding in outcome.findings)

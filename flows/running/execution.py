@@ -53,7 +53,7 @@ class RunOutcome:
 
     def results(self, store: ArtifactStore) -> list[ConditionResult]:
         """Rows of the comparison."""
-        return condition_results(store, *_rows(self.models))
+        return condition_results(store, *rows_of(self.models))
 
     def to_json(self, store: ArtifactStore) -> dict[str, Any]:
         """For machines."""
@@ -172,7 +172,7 @@ def _to_be_continued(session: Session, config: RunConfig, models: Sequence[Model
     for model in models:
         episodes[model.condition] = num_episodes(session, model.evaluation)
     try:
-        names = unsettled(condition_results(session.store, *_rows(models)), stop)
+        names = unsettled(condition_results(session.store, *rows_of(models)), stop)
     except ArtifactNotFound:
         names = list(episodes)  # a run in thought: it may need them all
     further = {name for name in names if episodes[name] < config.evaluate.episodes}
@@ -193,8 +193,8 @@ def _wait(futures: Sequence[Future[ModelOutcome]], session: Session) -> None:
         raise
 
 
-def _rows(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tuple[ReportRow, ...]]:
-    """Evaluations, and whose they are; behind each model's usual one, those under shifts."""
+def rows_of(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tuple[ReportRow, ...]]:
+    """Evaluations of models, and whose they are; behind each model's usual one, those under shifts."""
     pairs = [
         (ref, model_row.model_copy(update={"shift": shift}))
         for model in models
@@ -206,19 +206,25 @@ def _rows(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tupl
 
 
 def _row(model: ModelOutcome) -> ReportRow:
-    unnoticed = tuple(name for name, ref in model.shifted.items() if ref is None)
-    return ReportRow(condition=model.condition, title=model.title, seed=model.seed, unnoticed=unnoticed)
+    return ReportRow(
+        condition=model.condition,
+        title=model.title,
+        seed=model.seed,
+        setting=model.setting,
+        unnoticed=tuple(name for name, ref in model.shifted.items() if ref is None),
+    )
 
 
 def write_report(session: Session, config: RunConfig, outcome: RunOutcome) -> ArtifactRef:
     """Make the page about the models."""
-    evaluations, rows = _rows(outcome.models)
+    evaluations, rows = rows_of(outcome.models)
     found = [(model, name, ref) for model in outcome.models for name, ref in model.analyses.items()]
     report_config = ReportConfig(
         title=config.name,
         task=config.task,
         rows=rows,
         analyses=tuple(AnalysisRow(name=name, title=model.title, seed=model.seed) for model, name, _ in found),
+        curves=config.drawn_curves,
         findings=outcome.findings,
         facts=_facts(config, outcome, session.store),
         configuration=config.model_dump(mode="json"),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flows.config import RunConfig
+from flows.loop import ModelOutcome
 from flows.running.execution import RunOutcome, run_models, write_report
 from juicer.artifacts.explain import Explainer
 from juicer.artifacts.recipe import Recipe
@@ -67,6 +68,16 @@ def plan(store: ArtifactStore, config: RunConfig) -> list[PlannedCall]:
     if all(entry.exists for entry in planned.values() if entry.stage == "evaluate"):
         write_report(session, config, RunOutcome(tuple(models), None))
     return list(planned.values())
+
+
+def evaluated_models(store: ArtifactStore, config: RunConfig) -> tuple[list[ModelOutcome], int]:
+    """Models of a run whose evaluations are in the store, and how many the run has."""
+
+    def perform(call: StageCall, session: Session) -> ArtifactRef:
+        return call.recipe.ref
+
+    models = run_models(Session(store, performer=perform), config, parallel=False)
+    return [model for model in models if store.exists(model.evaluation)], len(models)
 
 
 def require_weights(planned: Iterable[PlannedCall], folder: Path) -> None:

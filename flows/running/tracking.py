@@ -16,7 +16,7 @@ from stages.runtime.names import STAGES
 from stages.tracking.model import Model
 from stages.tracking.recorder import Recorder
 
-_NOT_IDENTITY = {"condition", "conditions", "seed", "seeds", "flow", "logs", "labels", "analyses"}
+_NOT_IDENTITY = {"condition", "conditions", "curves", "seed", "seeds", "flow", "logs", "labels", "analyses"}
 _SHARED_PARAMS = (
     "task",
     "randomness",
@@ -46,7 +46,7 @@ class Tracking:
 
     def model(self, condition: str, seed: int) -> LiveModel:
         """Record of one model while it is made."""
-        rounds = self._config.turns(self._config.method(condition))
+        rounds = self._config.loop(condition).turns(self._config.method(condition))
         return LiveModel(self._recorder, self._describe(condition, seed), rounds)
 
     def finish(self, outcome: ModelOutcome) -> None:
@@ -69,7 +69,7 @@ class Tracking:
             self._recorder.note(model.model_copy(update={"report": str(report)}))
 
     def _describe(self, condition: str, seed: int) -> Model:
-        config, method = self._config, self._config.method(condition)
+        config, method = self._config.loop(condition), self._config.method(condition)
         # As the stages get them: with the task and the randomness that a section leaves to the top level.
         sections = {
             "record": config.recording,

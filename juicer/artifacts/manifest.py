@@ -31,6 +31,8 @@ OBSERVES, STATE = "observes", "state"
 its value where that is the poses of all parts."""
 SHIFT = "shift"
 """Key of the summary of an evaluation under a shift: how it was done, as the end of a sentence."""
+CPU_SECONDS = "cpu_seconds"
+"""Key of what a manifest says of its host: CPU time of making the artifact, by all processes that were busy with it."""
 HEADLINE, LABEL = "headline", "label"
 """Keys of a summary: what is worth saying of an artifact on one line; what it is, in two or three words."""
 
@@ -76,7 +78,7 @@ class Manifest:
         recipe: What it was made of.
         files: Every file but the manifest itself, sorted by path.
         summary: JSON facts for people: counts, rates.
-        host: Where it was made: machine, platform, Python, number of CPUs, version and commit of juicer.
+        host: Where it was made: machine, platform, Python, number of CPUs, version and commit of juicer, CPU time.
         started: Local time with offset, ISO 8601.
         finished: The same.
         seconds: Wall time between the two.
@@ -101,6 +103,12 @@ class Manifest:
     def finding(self) -> str:
         """Why the artifact holds nothing, or less than it seems to; empty if there is nothing of the kind to say."""
         return str(self.summary.get(FINDING, ""))
+
+    @property
+    def cpu_seconds(self) -> float | None:
+        """CPU time of making it, by all processes that were busy with it; None if an earlier juicer made it."""
+        found = self.host.get(CPU_SECONDS)
+        return float(found) if isinstance(found, int | float) else None
 
     @property
     def observes(self) -> str:

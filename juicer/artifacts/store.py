@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import os
 import time
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -17,7 +18,7 @@ from juicer.artifacts.findings import Finding, Listing, Nature, TroubleError
 from juicer.artifacts.integrity import describe_files
 from juicer.artifacts.lineage import parents_first
 from juicer.artifacts.local import LocalBackend
-from juicer.artifacts.manifest import Manifest, describe_host, plain
+from juicer.artifacts.manifest import CPU_SECONDS, Manifest, describe_host, plain
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ID_LENGTH, KINDS, ArtifactRef, is_id
 from juicer.artifacts.workspace import delete_tree, discard_tree
@@ -123,9 +124,9 @@ class ArtifactStore:
                 backend.check_writable(ref)
                 backend.sweep()
                 with _discarded_on_failure(draft):
-                    started, clock = datetime.now().astimezone(), time.monotonic()
+                    started, clock, cpu = datetime.now().astimezone(), time.monotonic(), _cpu_seconds()
                     yield draft
-                    manifest = _describe(draft, recipe, started, time.monotonic() - clock)
+                    manifest = _describe(draft, recipe, started, time.monotonic() - clock, _cpu_seconds() - cpu)
                     with self._explaining(ref):
                         backend.commit(draft.path, manifest, replacing=replacing)
             discard_tree(draft.scratch)
@@ -340,14 +341,20 @@ def _discarded_on_failure(draft: Draft) -> Iterator[None]:
         raise
 
 
-def _describe(draft: Draft, recipe: Recipe, started: datetime, seconds: float) -> Manifest:
+def _cpu_seconds() -> float:
+    """CPU time of this process and of those it started that have ended."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def _describe(draft: Draft, recipe: Recipe, started: datetime, seconds: float, cpu_seconds: float) -> Manifest:
     files = describe_files(draft.path)
     finished = datetime.now().astimezone()
     return Manifest(
         recipe=recipe,
         files=files,
         summary=plain(draft.summary),
-        host=describe_host(),
+        host={**describe_host(), CPU_SECONDS: round(cpu_seconds, 3)},
         started=started.isoformat(timespec="milliseconds"),
         finished=finished.isoformat(timespec="milliseconds"),
         seconds=round(seconds, 3),

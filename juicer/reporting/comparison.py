@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.config import StrictConfig
 from juicer.episode import Outcome
-from juicer.errors import ArtifactError, ConfigError
-from juicer.evaluation import ConditionResult, ModelResult, PairedComparison, compare, summarise
+from juicer.errors import ArtifactError
+from juicer.evaluation import ConditionResult, ModelResult, summarise
 from juicer.storage.evaluations import read_evaluation
 
 
@@ -23,6 +23,7 @@ class ReportRow(StrictConfig):
         seed: Seed of the model.
         shift: Name of the shift that it is under, if it is.
         unnoticed: Names of the shifts that the model cannot notice.
+        setting: What the condition changes in the configuration, in words; empty if nothing.
     """
 
     condition: str
@@ -30,6 +31,7 @@ class ReportRow(StrictConfig):
     seed: int
     shift: str = ""
     unnoticed: tuple[str, ...] = ()
+    setting: str = ""
 
     @property
     def label(self) -> str:
@@ -72,23 +74,6 @@ def condition_results(
     return results
 
 
-def comparisons(results: Sequence[ConditionResult]) -> Iterator[PairedComparison]:
-    """Each condition against the first."""
-    for result in results[1:]:
-        try:
-            yield compare(results[0], result)
-        except ConfigError:
-            continue  # other seeds or other initial states: there is nothing to pair
-
-
-def comparisons_under_shifts(results: Sequence[ConditionResult]) -> dict[str, tuple[PairedComparison, ...]]:
-    """The same under each shift, by name: the conditions that can notice it, each against the first of them."""
-    found = {
-        name: [under for result in results if (under := result.shifted.get(name))] for name in shift_names(results)
-    }
-    return {name: pairs for name, under in found.items() if (pairs := tuple(comparisons(under)))}
-
-
 def shift_names(results: Sequence[ConditionResult]) -> list[str]:
     """Names of all shifts that some condition was evaluated under, or cannot notice."""
     return list(dict.fromkeys(name for result in results for name in result.shifted))
@@ -102,7 +87,10 @@ def robustness_table(results: Sequence[ConditionResult]) -> tuple[list[str], lis
     names = shift_names(results)
     if not names:
         return [], []
-    rows = [[row.title, _told(row), *(_told(row.shifted.get(name)) for name in names)] for row in results]
+    rows = [
+        [row.title, _told(row), *(_told(row.shifted[name]) if name in row.shifted else "-" for name in names)]
+        for row in results
+    ]
     return ["condition", "no shift", *names], rows
 
 

@@ -12,7 +12,8 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from juicer.evaluation import ConditionResult, PairedComparison
+from juicer.evaluation import ConditionResult
+from juicer.reporting.section import Section
 
 
 @dataclass(frozen=True)
@@ -113,23 +114,6 @@ class ShownAnalysis:
     rows: tuple[tuple[str, ...], ...] = ()
     png: bytes = b""
     seconds: float = 0.0
-
-
-@dataclass(frozen=True)
-class Effort:
-    """What a condition cost a human, and what its turns of collect, select, train brought.
-
-    Attributes:
-        condition: Title of the condition.
-        minutes: Human minutes by what they were spent on (demonstrations, labels, corrections), means over its models.
-        rate: Average success rate of its models in the end.
-        rounds: Average success rate in the rollouts of each turn, with its 95 % interval: average, low, high.
-    """
-
-    condition: str
-    minutes: Mapping[str, float]
-    rate: float
-    rounds: tuple[tuple[float, float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -303,15 +287,13 @@ class ReportData:
         results: Rows of the comparison, in order.
         paper: Average and best success rate by condition as the paper's Table VI has them; other
             simulator and observations, so for orientation only.
-        comparisons: Paired tests, each condition against the reference.
-        comparisons_under_shifts: The same under each shift, by name.
+        sections: What the conditions say together: tests, curves, statements that hold or not, cost.
         funnels: Milestones by condition.
         curves: Training runs.
         augmentations: Yield of each augmentation.
         estimators: Errors of each estimator whose estimates a policy acts on.
         datasets: Training data by condition.
         analyses: What else is known of the policies.
-        efforts: Human minutes, and the rate of every round, by condition.
         videos: A success, a typical failure.
         models: Every model with every episode of its evaluation.
         lineage: The artifacts behind the results, parents in any order.
@@ -326,15 +308,13 @@ class ReportData:
     findings: tuple[str, ...] = ()
     results: tuple[ConditionResult, ...] = ()
     paper: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    comparisons: tuple[PairedComparison, ...] = ()
-    comparisons_under_shifts: Mapping[str, tuple[PairedComparison, ...]] = field(default_factory=dict)
+    sections: tuple[Section, ...] = ()
     funnels: tuple[Funnel, ...] = ()
     curves: tuple[TrainingCurve, ...] = ()
     augmentations: tuple[AugmentationYield, ...] = ()
     estimators: tuple[EstimatorErrors, ...] = ()
     datasets: tuple[DatasetSize, ...] = ()
     analyses: tuple[ShownAnalysis, ...] = ()
-    efforts: tuple[Effort, ...] = ()
     videos: tuple[EpisodeVideo, ...] = ()
     models: tuple[EvaluatedModel, ...] = ()
     lineage: tuple[LineageNode, ...] = ()

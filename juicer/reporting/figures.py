@@ -11,6 +11,7 @@ import io
 import re
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from html import escape
 from typing import Any
 
@@ -39,21 +40,32 @@ _MOST_POINTS = 400
 """Points of a drawn curve; more would not be seen."""
 _LONGEST_NAME = 48
 _WIDTH_IN = 6.4
+
+
+@dataclass(frozen=True)
+class Palette:
+    """Colours of a drawing."""
+
+    ink: str
+    muted: str
+    grid: str
+    accent: str
+    second: str
+
+
+PAGE = Palette(INK, MUTED, GRID, ACCENT, SECOND)
+"""What the page replaces by its own."""
+PRINT = Palette("#1d2126", "#5d6671", "#dfe1df", "#c2570c", "#2c6e91")
+"""For files of their own: the page's colours on white."""
 _STYLE: Any = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
     "font.size": 13,
-    "axes.edgecolor": GRID,
-    "axes.labelcolor": MUTED,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.axisbelow": True,
-    "grid.color": GRID,
     "grid.linewidth": 0.8,
-    "text.color": INK,
     "text.parse_math": False,
-    "xtick.color": MUTED,
-    "ytick.color": INK,
     "xtick.major.size": 0,
     "ytick.major.size": 0,
     "xtick.minor.size": 0,
@@ -62,15 +74,23 @@ _STYLE: Any = {
 }
 
 
-def _own_style() -> AbstractContextManager[None]:
+def own_style(palette: Palette = PAGE) -> AbstractContextManager[None]:
     """Draw in our style, whatever a ``matplotlibrc`` in the working directory or in the user's home says."""
-    return style.context(["default", _STYLE])
+    colors: Any = {
+        "axes.edgecolor": palette.grid,
+        "axes.labelcolor": palette.muted,
+        "grid.color": palette.grid,
+        "text.color": palette.ink,
+        "xtick.color": palette.muted,
+        "ytick.color": palette.ink,
+    }
+    return style.context(["default", _STYLE | colors])
 
 
 def success_figure(results: Sequence[ConditionResult]) -> str:
     """Success rates with their intervals; small dots are the trained models."""
-    with _own_style():
-        figure, axes = _figure(height_in=0.9 + 0.42 * len(results))
+    with own_style():
+        figure, axes = new_figure(height_in=0.9 + 0.42 * len(results))
         for row, result in enumerate(results):
             axes.plot(result.interval, [row, row], color=ACCENT, linewidth=6, alpha=0.3, solid_capstyle="round")
             rates = [model.rate for model in result.models]
@@ -83,15 +103,15 @@ def success_figure(results: Sequence[ConditionResult]) -> str:
         axes.xaxis.set_major_formatter(PercentFormatter(1.0))
         axes.set_xlabel("success rate")
         axes.grid(axis="x")
-        return _svg(figure, "success", "Success rate of each condition with its 95% interval")
+        return svg_of(figure, "success", "Success rate of each condition with its 95% interval")
 
 
 def funnel_figure(funnel: Funnel) -> str:
     """Episodes that reached each milestone, as bars from all to those that succeeded."""
     names = ["started", *funnel.reached]
     counts = [funnel.num_episodes, *funnel.reached.values()]
-    with _own_style():
-        figure, axes = _figure(height_in=0.35 + 0.36 * len(names))
+    with own_style():
+        figure, axes = new_figure(height_in=0.35 + 0.36 * len(names))
         rows = range(len(names))
         axes.barh(rows, [funnel.num_episodes] * len(names), color=SOFT, height=0.72)
         axes.barh(rows, counts, color=ACCENT, height=0.72, alpha=0.85)
@@ -101,19 +121,19 @@ def funnel_figure(funnel: Funnel) -> str:
         axes.set_ylim(len(names) - 0.4, -0.6)
         axes.set_xlim(0, max(1, funnel.num_episodes) * 1.28)
         _bare(axes)
-        return _svg(figure, f"funnel {funnel.condition}", f"Milestones reached under {funnel.condition}")
+        return svg_of(figure, f"funnel {funnel.condition}", f"Milestones reached under {funnel.condition}")
 
 
 def curve_figure(curve: TrainingCurve, limits: tuple[float, float]) -> str:
     """Losses of one training run over its steps, on the loss scale all runs share."""
-    with _own_style():
-        figure, axes = _figure(height_in=2.5)
+    with own_style():
+        figure, axes = new_figure(height_in=2.5)
         for (name, values), color in zip(curve.losses.items(), (ACCENT, SECOND, MUTED), strict=False):
             axes.plot(*_drawn(curve.steps, values), color=color, linewidth=1.6, label=printable(name, _LONGEST_NAME))
         _scale_losses(axes, limits)
         if curve.losses:
             axes.legend(loc="upper right", labelcolor=INK)
-        return _svg(figure, f"curve {curve.label}", f"Losses of {curve.label}")
+        return svg_of(figure, f"curve {curve.label}", f"Losses of {curve.label}")
 
 
 def overlay_figure(curves: Sequence[TrainingCurve], loss: str, limits: tuple[float, float]) -> str:
@@ -122,8 +142,8 @@ def overlay_figure(curves: Sequence[TrainingCurve], loss: str, limits: tuple[flo
     Each line has the class ``run-group-<number of its group>``, see :func:`curve_groups`.
     """
     groups = curve_groups(curves)
-    with _own_style():
-        figure, axes = _figure(height_in=3.6)
+    with own_style():
+        figure, axes = new_figure(height_in=3.6)
         for curve in curves:
             if loss in curve.losses:
                 number = groups.index(curve.group)
@@ -136,7 +156,7 @@ def overlay_figure(curves: Sequence[TrainingCurve], loss: str, limits: tuple[flo
                 )
                 line.set_gid(f"run-group-{number}")
         _scale_losses(axes, limits)
-        drawing = _svg(figure, f"overlay {loss}", f"{loss} loss of every training run")
+        drawing = svg_of(figure, f"overlay {loss}", f"{loss} loss of every training run")
         return re.sub(r' id="(run-group-[0-9]+)"', r' class="\1"', drawing)
 
 
@@ -173,8 +193,8 @@ def yield_figure(augmentation: AugmentationYield) -> str:
     names = ["kept", *(_words(reason) for reason, _ in rejected)]
     counts = [augmentation.kept, *(count for _, count in rejected)]
     longest = max(1, *counts)
-    with _own_style():
-        figure, axes = _figure(height_in=0.35 + 0.36 * len(names))
+    with own_style():
+        figure, axes = new_figure(height_in=0.35 + 0.36 * len(names))
         axes.barh(range(len(names)), counts, color=[ACCENT, *[SECOND] * len(rejected)], height=0.72, alpha=0.85)
         for row, count in enumerate(counts):
             axes.text(count + longest * 0.03, row, _share(count, sum(counts)), va="center", color=INK)
@@ -182,7 +202,7 @@ def yield_figure(augmentation: AugmentationYield) -> str:
         axes.set_ylim(len(names) - 0.4, -0.6)
         axes.set_xlim(0, longest * 1.3)
         _bare(axes)
-        return _svg(figure, f"yield {augmentation.label}", f"Yield of augmentation: {augmentation.label}")
+        return svg_of(figure, f"yield {augmentation.label}", f"Yield of augmentation: {augmentation.label}")
 
 
 def loss_limits(curves: Sequence[TrainingCurve]) -> tuple[float, float]:
@@ -192,7 +212,8 @@ def loss_limits(curves: Sequence[TrainingCurve]) -> tuple[float, float]:
     return (float(values.min()) / 1.2, float(values.max()) * 1.2) if values.size else (0.1, 1.0)
 
 
-def _figure(height_in: float) -> tuple[Figure, Axes]:
+def new_figure(height_in: float) -> tuple[Figure, Axes]:
+    """An empty drawing, as wide as all."""
     # A figure of its own, not pyplot's: nothing global is left behind, and no screen is asked for.
     figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
     return figure, figure.subplots()
@@ -212,7 +233,21 @@ def _share(count: int, total: int) -> str:
     return f"{count}  ({count / total:.0%})" if total else f"{count}"
 
 
-def _svg(figure: Figure, name: str, description: str) -> str:
+def png_of(figure: Figure) -> bytes:
+    """A drawing as a file of its own."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=150, facecolor="white", metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def svg_of(figure: Figure, name: str, description: str) -> str:
+    """A drawing as a part of the page.
+
+    Args:
+        figure: The drawing, in the colours of :data:`PAGE`.
+        name: By which it differs from others on the page.
+        description: For those who do not see it.
+    """
     buffer = io.StringIO()
     # The salt makes the ids within the drawing differ from those of its neighbours on the page, and repeat.
     with mpl.rc_context({"svg.hashsalt": printable(name)}):

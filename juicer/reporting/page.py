@@ -18,7 +18,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy.typing import NDArray
 
 from juicer.evaluation import ConditionResult
-from juicer.reporting.comparison import robustness_table
 from juicer.reporting.content import (
     DatasetSize,
     EpisodeVideo,
@@ -28,7 +27,6 @@ from juicer.reporting.content import (
     StageCost,
     TrainingCurve,
 )
-from juicer.reporting.effort import LABEL_S, MINUTES_OF
 from juicer.reporting.figures import (
     DASHES,
     GROUP_COLORS,
@@ -103,14 +101,7 @@ def render_page(data: ReportData) -> str:
     page = environment.get_template("report.html.j2").render(
         data=data,
         sources=[each for each in SOURCES if any(each in size.episodes for size in data.datasets)],
-        minutes_of=MINUTES_OF.values(),
-        label_seconds=round(LABEL_S),
         headline=_headline(data.results),
-        robustness=robustness_table(data.results),
-        pairs=[
-            *(("", pair) for pair in data.comparisons),
-            *((shift, pair) for shift, pairs in data.comparisons_under_shifts.items() for pair in pairs),
-        ],
         success=success_figure(data.results) if data.results else "",
         funnels=[(funnel, funnel_figure(funnel), _largest_loss(funnel)) for funnel in data.funnels],
         curves=[(curve, curve_figure(curve, limits)) for curve in data.curves],

@@ -12,9 +12,10 @@ import yaml
 from juicer.artifacts.commit import CHANGED, UNKNOWN
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from juicer.reporting.comparison import ReportRow, comparisons, comparisons_under_shifts, condition_results
+from juicer.reporting.comparison import ReportRow, condition_results
 from juicer.reporting.content import EpisodeVideo, NextStep, Provenance, ReportData, ShownAnalysis
 from juicer.reporting.paper import PAPER_TABLE_VI
+from juicer.reporting.section import Section
 from juicer.reporting.sources import Sources
 
 
@@ -27,6 +28,7 @@ def gather(
     task: str,
     facts: Mapping[str, str],
     findings: tuple[str, ...],
+    sections: tuple[Section, ...] = (),
     videos: tuple[EpisodeVideo, ...] = (),
     analyses: tuple[ShownAnalysis, ...] = (),
     configuration: Mapping[str, Any] | None = None,
@@ -47,15 +49,13 @@ def gather(
         findings=(*findings, *sources.problems),
         results=tuple(results),
         paper={name: figures for name, figures in PAPER_TABLE_VI.get(task, {}).items() if name in named},
-        comparisons=tuple(comparisons(results)),
-        comparisons_under_shifts=comparisons_under_shifts(results),
+        sections=sections,
         funnels=tuple(sources.funnels()),
         curves=curves,
         augmentations=tuple(sources.augmentations()),
         estimators=tuple(sources.estimators()),
         datasets=tuple(sources.datasets()),
         analyses=analyses,
-        efforts=tuple(sources.efforts()),
         videos=videos,
         models=tuple(sources.models()),
         lineage=tuple(sources.lineage(evaluations)),

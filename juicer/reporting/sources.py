@@ -18,7 +18,6 @@ from juicer.reporting.comparison import ReportRow
 from juicer.reporting.content import (
     AugmentationYield,
     DatasetSize,
-    Effort,
     EstimatorErrors,
     EvaluatedEpisode,
     EvaluatedModel,
@@ -27,7 +26,6 @@ from juicer.reporting.content import (
     StageCost,
     TrainingCurve,
 )
-from juicer.reporting.effort import effort_of
 from juicer.reporting.lineage import ancestors_of, checkpoint_of, nodes_of, read_lineage
 from juicer.storage.curves import CURVES_FILE, read_curves
 from juicer.storage.evaluations import EvaluationRow, read_evaluation
@@ -172,13 +170,6 @@ class Sources:
                 )
                 yield DatasetSize(condition, episodes, timesteps, unused)
 
-    def efforts(self) -> Iterator[Effort]:
-        """What every condition cost a human, and what its rounds brought."""
-        for condition, manifests in self._by_condition():
-            made_of = [ancestors_of(self._known, [manifest.ref]) for manifest in manifests]
-            models = [[known for ref in refs if (known := self._known[ref])] for refs in made_of]
-            yield effort_of(condition, models)
-
     def costs(self) -> Iterator[StageCost]:
         """What each stage cost, whenever it was computed."""
         for name in dict.fromkeys(manifest.recipe.stage for manifest in self._known.values() if manifest):
@@ -189,6 +180,10 @@ class Sources:
                 seconds=sum(manifest.seconds for manifest in manifests),
                 megabytes=sum(entry.bytes for manifest in manifests for entry in manifest.files) / 1e6,
             )
+
+    def behind(self, refs: Sequence[ArtifactRef]) -> list[Manifest]:
+        """Manifests of some of the evaluations and of everything that they were made from, parents first."""
+        return [manifest for ref in ancestors_of(self._known, refs) if (manifest := self._known[ref])]
 
     def lineage(self, refs: Sequence[ArtifactRef]) -> Iterator[LineageNode]:
         """Some of the evaluations and everything they were made from, each once; models are called by their names."""

@@ -25,8 +25,9 @@ def write(folder: Path, text: str, name: str = "run.yaml") -> Path:
 def test_every_configuration_of_the_repository_is_valid(path):
     for config in load_runs(path):
         for name, seed in config.models:
-            training = config.training(config.method(name), seed)
-            assert (training.training.state_noise is not None) == (name == "state_noise")
+            training = config.loop(name).training(config.method(name), seed)
+            has_noise = name in ("state_noise", "ten_state_noise")  # the latter is of the paper's study
+            assert (training.training.state_noise is not None) == has_noise
 
 
 def test_file_says_which_flow_it_is_for(tmp_path):

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import zlib
 from datetime import datetime
+from typing import cast
 
 import numpy as np
 import pytest
 
-from juicer.evaluation import ModelResult, compare, summarise
+from juicer.evaluation import ModelResult, summarise
 from juicer.reporting.content import (
     AugmentationYield,
     DatasetSize,
@@ -27,7 +28,11 @@ from juicer.reporting.content import (
     TrainingCurve,
 )
 from juicer.reporting.paper import PAPER_TABLE_VI
+from juicer.reporting.sources import Sources
 from juicer.seeding import stream
+from juicer.study.material import Measured, TaskStudy
+from juicer.study.sections import sections
+from juicer.study.success import differences_section
 
 MILESTONES = ("top_placed", "leg_lifted", "leg_upright", "over_hole", "inserted", "screwed")
 
@@ -118,6 +123,7 @@ def report_data() -> ReportData:
     """Everything filled in, for two conditions."""
     bc = summarise("bc", [model("BC", 0, 0.52)], "BC")
     best = summarise("ta_ci", [model("TA+CI", 0, 0.92)], "TA+CI")
+    unread = cast(Sources, None)
     return ReportData(
         title="one_leg, low randomness",
         created=datetime(2026, 11, 22, 9, 30),
@@ -132,7 +138,10 @@ def report_data() -> ReportData:
         findings=("CI had no successful rollout in round 1 of seed 0, so it was not retrained.",),
         results=(bc, best),
         paper=PAPER_TABLE_VI["one_leg"],
-        comparisons=(compare(bc, best),),
+        sections=sections(
+            [TaskStudy("one_leg", {each.condition: Measured(each, "", "", ()) for each in (bc, best)}, unread)],
+            (differences_section,),
+        ),
         funnels=(
             Funnel("BC", 100, dict(zip(MILESTONES, (97, 88, 84, 71, 55, 52), strict=True))),
             Funnel("TA+CI", 100, dict(zip(MILESTONES, (100, 99, 98, 96, 93, 92), strict=True))),

@@ -1,0 +1,109 @@
+"""The paper's statements, as data, and the section that judges them one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from juicer.reporting.section import Section, Table
+from juicer.study.material import TaskStudy
+from juicer.study.rules import AtMost, Best, BestWithin, Better, ModelsDiffer, Rule, Ruling, Saturates, Untested
+from juicer.tasks.registry import TASK_NAMES
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A statement of the paper.
+
+    Attributes:
+        sentence: What it says.
+        source: Where.
+        rule: How results judge it.
+        tasks: Tasks that it is about.
+    """
+
+    sentence: str
+    source: str
+    rule: Rule
+    tasks: tuple[str, ...] = TASK_NAMES
+
+
+_ONE_LEG = ("one_leg",)
+_OTHERS = ("bc", "state_noise", "ta", "ci", "mlp_chunked", "mlp_unchunked")
+
+CLAIMS = (
+    Claim("Corrective snippets help: TA beats BC.", "Table VI", Better("ta", "bc")),
+    Claim("A policy's own successes help: CI beats BC.", "Table VI", Better("ci", "bc")),
+    Claim("Both together help: TA+CI beats BC.", "Table VI", Better("ta_ci", "bc")),
+    Claim("Each adds to the other: TA+CI beats TA.", "Table VI", Better("ta_ci", "ta")),
+    Claim("Each adds to the other: TA+CI beats CI.", "Table VI", Better("ta_ci", "ci")),
+    Claim("TA+CI is the best of the conditions.", "Table VI", Best("ta_ci", _OTHERS)),
+    Claim("Snippets help more than noise on observed states does.", "Table VI", Better("ta", "state_noise")),
+    Claim("Noise on observed states helps.", "Table VI", Better("state_noise", "bc")),
+    Claim("Without action chunks nothing is assembled.", "Table VI", AtMost("mlp_unchunked", 0.05)),
+    Claim("Predicting chunks of actions helps.", "Table VI", Better("mlp_chunked", "mlp_unchunked")),
+    Claim("Diffusion beats regression of the same chunks.", "Table VI", Better("bc", "mlp_chunked")),
+    Claim("One policy for all tasks does worse than one for each.", "Table VI", Better("ta_ci", "multitask")),
+    Claim("Models trained alike differ, the best much from the average.", "Table VI", ModelsDiffer("bc")),
+    Claim("More demonstrations help: 50 beat 10.", "Fig. 3", Better("bc", "bc_10"), _ONE_LEG),
+    Claim("Success saturates by 500 demonstrations.", "Fig. 3", Saturates("demonstrations", 500), _ONE_LEG),
+    Claim(
+        "Success saturates by 500 demonstrations and own rollouts, as measured there.",
+        "Fig. 3",
+        Saturates("own_rollouts", 500),
+        _ONE_LEG,
+    ),
+    Claim(
+        "Snippets are best as 8 to 20 % of what is learned from.",
+        "appendix on data",
+        BestWithin("synthetic_share", 0.08, 0.2),
+        _ONE_LEG,
+    ),
+    Claim(
+        "From 10 demonstrations, snippets and own successes reach more than 50 demonstrations alone.",
+        "bootstrapping",
+        Better("ten_ta_ci_4", "fifty_bc"),
+        _ONE_LEG,
+    ),
+    Claim(
+        "Eight steps of the sampler do as well as a hundred.",
+        "Fig. 4",
+        Untested("told by the analysis of samples, not by success rates"),
+        _ONE_LEG,
+    ),
+    Claim(
+        "R3M's weights with plain BC beat the whole method with ImageNet's.",
+        "Table VII",
+        Untested("these weights are not at hand; table_vii compares the encoders that are"),
+        _ONE_LEG,
+    ),
+    Claim(
+        "Annotating takes a small part of the time of recording.",
+        "Table IV",
+        Untested("the operator is scripted and critical states are proposed: no person's time is measured"),
+        _ONE_LEG,
+    ),
+)
+
+
+def claims_section(studies: Sequence[TaskStudy]) -> Section | None:
+    """What results say of each statement, task by task."""
+    rows, counts = [], dict.fromkeys(Ruling, 0)
+    for claim in CLAIMS:
+        for study in studies:
+            if study.task in claim.tasks:
+                verdict = claim.rule.judge(study)
+                counts[verdict.ruling] += 1
+                rows.append((claim.sentence, claim.source, study.task, verdict.ruling.value, verdict.reason))
+    if not rows or counts[Ruling.UNTESTED] == len(rows):
+        return None
+    told = ", ".join(f"{count} {ruling.value}" for ruling, count in counts.items() if count)
+    return Section(
+        "claims",
+        "Claims",
+        "The paper's statements, one by one",
+        f"{told}. A statement about two conditions holds, or does not, if McNemar's exact test and the interval of the "
+        "difference over models and episodes both say so (each statement tested by itself, at 5 %); else it cannot be "
+        "told. Intervals are 95 %.",
+        (Table(("statement", "where", "task", "verdict", "by what"), tuple(rows), words=5),),
+    )

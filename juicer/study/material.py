@@ -1,0 +1,103 @@
+"""What sections are made of: the results of a task's conditions, and the artifacts behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from juicer.artifacts.manifest import Manifest
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.config import canonical_json
+from juicer.evaluation import ConditionResult
+from juicer.reporting.comparison import ReportRow, condition_results
+from juicer.reporting.sources import Sources
+from juicer.study.curves import Curve
+
+_OF_THE_POLICY = ("episodes", "first", "max_steps", "seed", "inference_steps", "samples", "anytime")
+"""Settings of an evaluation that leave alone what an initial state of a number is."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A condition with its result.
+
+    Attributes:
+        result: The result.
+        setting: What the condition changes in the configuration, in words; empty if nothing.
+        states: Where its episodes start, as text: only where this is the same are initial states of a number the same.
+        evaluations: Manifests of its models' evaluations.
+    """
+
+    result: ConditionResult
+    setting: str
+    states: str
+    evaluations: tuple[Manifest, ...]
+
+
+@dataclass(frozen=True)
+class TaskStudy:
+    """Everything that is known of one assembly task.
+
+    Attributes:
+        task: Its name.
+        measured: By name of the condition, in order.
+        sources: The artifacts behind it.
+        curves: What is drawn over several conditions.
+    """
+
+    task: str
+    measured: Mapping[str, Measured]
+    sources: Sources
+    curves: tuple[Curve, ...] = ()
+
+    def result(self, condition: str) -> ConditionResult | None:
+        """Result of a condition, if there is one."""
+        found = self.measured.get(condition)
+        return found.result if found else None
+
+    def are_paired(self, first: ConditionResult, second: ConditionResult) -> bool:
+        """Whether initial states of a number are the same for two conditions."""
+        return self.measured[first.condition].states == self.measured[second.condition].states
+
+    @property
+    def groups(self) -> dict[str, list[Measured]]:
+        """By what they change, conditions that differ in their method alone, and were evaluated alike."""
+        groups: dict[str, list[Measured]] = {}
+        for each in self.measured.values():
+            groups.setdefault(each.setting, []).append(each)
+        return {setting: group for setting, group in groups.items() if len({each.states for each in group}) == 1}
+
+
+def task_study(
+    store: ArtifactStore,
+    task: str,
+    evaluations: Sequence[ArtifactRef],
+    rows: Sequence[ReportRow],
+    curves: Sequence[Curve] = (),
+    sources: Sources | None = None,
+) -> TaskStudy:
+    """Read what is known of a task.
+
+    Args:
+        store: Where its artifacts are.
+        task: Its name.
+        evaluations: Of its models.
+        rows: Whose evaluations they are, in their order.
+        curves: What is drawn over several conditions.
+        sources: The artifacts behind the evaluations, if they have been read already.
+
+    Raises:
+        ArtifactError: If an evaluation is missing or damaged.
+    """
+    measured = {}
+    for result in condition_results(store, evaluations, rows):
+        own = [(ref, row) for ref, row in zip(evaluations, rows, strict=True) if row.condition == result.condition]
+        manifests = tuple(store.manifest(ref) for ref, _ in own)
+        measured[result.condition] = Measured(result, own[0][1].setting, _states(manifests[0]), manifests)
+    return TaskStudy(task, measured, sources or Sources(store, evaluations, rows), tuple(curves))
+
+
+def _states(evaluation: Manifest) -> str:
+    config = evaluation.recipe.config
+    return canonical_json({key: value for key, value in config.items() if key not in _OF_THE_POLICY})

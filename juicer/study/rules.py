@@ -1,0 +1,187 @@
+"""How a statement of the paper is judged by results: each rule is data, and says what its verdict rests on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+from juicer.study.curves import Curve
+from juicer.study.material import TaskStudy
+from juicer.study.points import curve_points, fit_of, rivals, rounded
+from juicer.study.statistics import LEVEL, Difference, against, models_differ, p_text, points
+from juicer.study.success import interval_text, percent
+
+
+class Ruling(StrEnum):
+    """What becomes of a statement."""
+
+    HOLDS = "holds"
+    FAILS = "does not hold"
+    OPEN = "cannot be told"
+    UNTESTED = "not tested"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A ruling, and what it rests on."""
+
+    ruling: Ruling
+    reason: str
+
+
+class Rule(Protocol):
+    """Judges a statement by the results of one task."""
+
+    def judge(self, study: TaskStudy) -> Verdict:
+        """What the results say."""
+        ...
+
+
+@dataclass(frozen=True)
+class Better:
+    """One condition succeeds more often than another: their paired test says so, and none the other way."""
+
+    better: str
+    than: str
+
+    def judge(self, study: TaskStudy) -> Verdict:
+        """What the paired test says."""
+        if missing := _missing(study, self.better, self.than):
+            return Verdict(Ruling.UNTESTED, missing)
+        first, second = study.measured[self.than].result, study.measured[self.better].result
+        for found in against(first, [second]):
+            return Verdict(_ruling(found), f"{second.title} against {first.title}: {found}")
+        return Verdict(Ruling.UNTESTED, "they have no seed in common")
+
+
+@dataclass(frozen=True)
+class Best:
+    """One condition succeeds more often than each of some others, all tested together."""
+
+    best: str
+    among: tuple[str, ...]
+
+    def judge(self, study: TaskStudy) -> Verdict:
+        """What the paired tests against each of the others say."""
+        if missing := _missing(study, self.best, *self.among):
+            return Verdict(Ruling.UNTESTED, missing)
+        best = study.measured[self.best].result
+        others = [study.measured[name].result for name in self.among]
+        found = against(best, others)
+        above = [each.second.title for each in found if each.is_clear and each.test.difference > 0]
+        equal = [f"{each.second.title} ({points(-each.test.difference)})" for each in found if not each.is_clear]
+        if above:
+            return Verdict(Ruling.FAILS, f"{', '.join(above)} succeeds more often")
+        if equal:
+            return Verdict(Ruling.OPEN, f"cannot be told apart from {', '.join(equal)}")
+        return Verdict(Ruling.HOLDS, f"{percent(best.average)}, above each of the {len(found)} others (Holm)")
+
+
+@dataclass(frozen=True)
+class AtMost:
+    """A condition succeeds no more often than that."""
+
+    condition: str
+    rate: float
+
+    def judge(self, study: TaskStudy) -> Verdict:
+        """On which side the interval lies."""
+        result = study.result(self.condition)
+        if result is None:
+            return Verdict(Ruling.UNTESTED, _missing(study, self.condition))
+        low, high = result.interval
+        ruling = Ruling.HOLDS if high <= self.rate else Ruling.FAILS if low > self.rate else Ruling.OPEN
+        return Verdict(ruling, f"{result.title}: {percent(result.average)} ({interval_text(result.interval)})")
+
+
+@dataclass(frozen=True)
+class ModelsDiffer:
+    """Models of a condition that were trained alike succeed unequally often, by more than chance."""
+
+    condition: str
+
+    def judge(self, study: TaskStudy) -> Verdict:
+        """What a chi-squared test over the models says."""
+        result = study.result(self.condition)
+        if result is None or result.num_models < 3:
+            return Verdict(Ruling.UNTESTED, f"three models of {self.condition} at least are needed")
+        p_value = models_differ(result)
+        ruling = Ruling.HOLDS if p_value < LEVEL else Ruling.OPEN
+        return Verdict(
+            ruling,
+            f"{result.title}: best {percent(result.best)}, average {percent(result.average)} of {result.num_models} "
+            f"models; p {p_text(p_value)} (chi-squared test)",
+        )
+
+
+@dataclass(frozen=True)
+class Saturates:
+    """A fitted curve comes within a twentieth of its plateau by some number."""
+
+    curve: str
+    by: float
+
+    def judge(self, study: TaskStudy) -> Verdict:
+        """On which side the interval of that number lies."""
+        curve = _curve(study, self.curve)
+        fit = fit_of(curve, curve_points(study, curve)) if curve else None
+        if fit is None:
+            return Verdict(Ruling.UNTESTED, f"curve {self.curve} has no results, or too few to fit")
+        low, high = fit.enough_interval
+        ruling = Ruling.HOLDS if high <= self.by else Ruling.FAILS if low > self.by else Ruling.OPEN
+        return Verdict(
+            ruling,
+            f"95% of a plateau of {percent(fit.top)} at {rounded(fit.enough)} ({rounded(low)} to {rounded(high)})",
+        )
+
+
+@dataclass(frozen=True)
+class BestWithin:
+    """The best point of a curve lies between two numbers, and is better than all points outside."""
+
+    curve: str
+    low: float
+    high: float
+
+    def judge(self, study: TaskStudy) -> Verdict:
+        """Where the best point is, and which others cannot be told apart from it."""
+        curve = _curve(study, self.curve)
+        found = curve_points(study, curve) if curve else []
+        if curve is None or len(found) < 2:
+            return Verdict(Ruling.UNTESTED, f"curve {self.curve} has no results")
+        (x, best), equals = rivals(study, found)
+        inside = [self.low <= each <= self.high for each in (x, *(other for other, _ in equals))]
+        ruling = Ruling.HOLDS if all(inside) else Ruling.OPEN if any(inside) else Ruling.FAILS
+        others = ", ".join(f"{other:g}" for other, _ in equals)
+        reason = f"best at {x:g} ({percent(best.average)})" + (f"; not to be told apart: {others}" if others else "")
+        return Verdict(ruling, reason)
+
+
+@dataclass(frozen=True)
+class Untested:
+    """Nothing here can judge it."""
+
+    reason: str
+
+    def judge(self, study: TaskStudy) -> Verdict:
+        """Why not."""
+        return Verdict(Ruling.UNTESTED, self.reason)
+
+
+def _ruling(found: Difference) -> Ruling:
+    if not found.is_clear:
+        return Ruling.OPEN
+    return Ruling.HOLDS if found.test.difference > 0 else Ruling.FAILS
+
+
+def _missing(study: TaskStudy, *conditions: str) -> str:
+    """Why some conditions cannot be compared; empty if they can."""
+    if missing := [name for name in conditions if name not in study.measured]:
+        return f"no result of {', '.join(missing)}"
+    first, *others = (study.measured[name].result for name in conditions)
+    return "" if all(study.are_paired(first, other) for other in others) else "they start from different states"
+
+
+def _curve(study: TaskStudy, name: str) -> Curve | None:
+    return next((curve for curve in study.curves if curve.name == name), None)

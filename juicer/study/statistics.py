@@ -1,0 +1,123 @@
+"""What may be concluded from several conditions: differences with intervals, and tests that allow for their number."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from juicer.errors import ConfigError
+from juicer.evaluation import ConditionResult, Interval, PairedComparison, compare
+from juicer.seeding import stream
+
+LEVEL = 0.05
+"""Below which a p-value is called a difference."""
+DRAWS = 10_000
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Two conditions on the same initial states.
+
+    Attributes:
+        first: One of them.
+        second: The other.
+        test: McNemar's test on their episodes.
+        interval: 95 % interval of the second's average minus the first's, over models and episodes.
+        p_adjusted: The test's p-value, adjusted for the number of tests made together (Holm).
+    """
+
+    first: ConditionResult
+    second: ConditionResult
+    test: PairedComparison
+    interval: Interval
+    p_adjusted: float
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the two succeed unequally often, all tests made together erring once in twenty."""
+        return self.p_adjusted < LEVEL
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the test and the interval both say so: the one speaks of these models, the other of their recipes."""
+        low, high = self.interval
+        return self.is_significant and not low <= 0 <= high
+
+    def __str__(self) -> str:
+        """E.g. ``+12 points (4 to 20), p = 0.003``."""
+        low, high = self.interval
+        return f"{points(self.test.difference)} points ({points(low)} to {points(high)}), p {p_text(self.p_adjusted)}"
+
+
+def differences(results: Sequence[ConditionResult]) -> list[Difference]:
+    """Every pair of conditions, the earlier one first."""
+    return _tested(combinations(results, 2))
+
+
+def against(first: ConditionResult, others: Sequence[ConditionResult]) -> list[Difference]:
+    """One condition with each of some others, which come second."""
+    return _tested((first, other) for other in others)
+
+
+def _tested(pairs: Iterable[tuple[ConditionResult, ConditionResult]]) -> list[Difference]:
+    """Those that can be paired, with p-values adjusted for their number."""
+    tests = []
+    for first, second in pairs:
+        try:
+            tests.append((first, second, compare(first, second)))
+        except ConfigError:
+            continue  # other seeds or other initial states: there is nothing to pair
+    adjusted = holm([test.p_value for _, _, test in tests])
+    return [
+        Difference(first, second, test, difference_interval(first, second), p_value)
+        for (first, second, test), p_value in zip(tests, adjusted, strict=True)
+    ]
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """P-values adjusted so that all tests together err as rarely as one (Holm 1979), in the order given."""
+    order = np.argsort(p_values)
+    factors = np.arange(len(p_values), 0, -1)
+    adjusted = np.empty(len(p_values))
+    adjusted[order] = np.minimum(1.0, np.maximum.accumulate(np.asarray(p_values)[order] * factors))
+    return [float(each) for each in adjusted]
+
+
+def difference_interval(first: ConditionResult, second: ConditionResult, level: float = 0.95) -> Interval:
+    """Interval of the second's average minus the first's, over the seeds that both have and the episodes of each.
+
+    A bootstrap that draws pairs of models, then pairs of episodes of each, of which one model has both.
+    """
+    seconds = {model.seed: np.asarray(model.successes, int) for model in second.models}
+    signs = [seconds[model.seed] - np.asarray(model.successes, int) for model in first.models if model.seed in seconds]
+    counts = np.array([[np.sum(each == sign) for sign in (1, -1, 0)] for each in signs])
+    sizes = counts.sum(axis=1)
+    rng = stream(0, "difference interval")
+    models = rng.integers(len(counts), size=(DRAWS, len(counts)))
+    drawn = rng.multinomial(sizes[models], (counts / sizes[:, None])[models])
+    averages = np.mean((drawn[..., 0] - drawn[..., 1]) / sizes[models], axis=1)
+    low, high = np.quantile(averages, [0.5 - level / 2, 0.5 + level / 2])
+    return float(low), float(high)
+
+
+def models_differ(result: ConditionResult) -> float:
+    """P-value of the hypothesis that all models of a condition succeed equally often (chi-squared test)."""
+    from scipy.stats import chi2_contingency  # takes half a second to import
+
+    table = np.array([[sum(model.successes), len(model.successes) - sum(model.successes)] for model in result.models])
+    if len(table) < 2 or not table.sum(axis=0).all():
+        return 1.0
+    return float(chi2_contingency(table, correction=False).pvalue)
+
+
+def points(rate: float) -> str:
+    """A difference of rates in points of a hundred, with its sign."""
+    return f"{100 * rate:+.0f}"
+
+
+def p_text(p_value: float) -> str:
+    """E.g. ``= 0.012`` or ``< 0.001``."""
+    return "< 0.001" if p_value < 0.001 else f"= {p_value:.3f}"

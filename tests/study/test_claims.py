@@ -1,0 +1,104 @@
+"""Statements of the paper are judged by tests and intervals, and what cannot be judged is said to be so."""
+
+from __future__ import annotations
+
+import pytest
+
+from flows.conditions import defaults
+from flows.config import load_runs
+from juicer.study.claims import CLAIMS, claims_section
+from juicer.study.curves import Curve
+from juicer.study.rules import AtMost, Best, BestWithin, Better, ModelsDiffer, Ruling, Saturates
+
+
+def share_curve(**points):
+    return Curve(name="synthetic_share", title="Share", axis="share", fit="none", points=points)
+
+
+@pytest.mark.parametrize(
+    ("bc", "ta", "ruling"),
+    [
+        ((0.5, 0.5, 0.5), (0.8, 0.8, 0.8), Ruling.HOLDS),
+        ((0.8, 0.8, 0.8), (0.5, 0.5, 0.5), Ruling.FAILS),
+        ((0.5, 0.5, 0.5), (0.53, 0.5, 0.52), Ruling.OPEN),
+        # The pooled episodes differ beyond doubt, the recipes do not: one seed alone is better.
+        ((0.5, 0.5, 0.5), (0.5, 0.5, 0.98), Ruling.OPEN),
+    ],
+)
+def test_a_condition_is_better_if_episodes_and_models_both_say_so(study, result, bc, ta, ruling):
+    verdict = Better("ta", "bc").judge(study(result("bc", *bc), result("ta", *ta)))
+    assert verdict.ruling is ruling
+    assert "TA against BC" in verdict.reason
+
+
+def test_conditions_from_other_initial_states_are_not_compared(study, result):
+    tried = study(result("bc", 0.2), result("ta", 0.9), settings={"ta": "randomness med"})
+    assert Better("ta", "bc").judge(tried).ruling is Ruling.UNTESTED
+    assert Best("ta", ("bc",)).judge(tried).ruling is Ruling.UNTESTED
+
+
+def test_what_has_no_result_is_not_tested_and_the_missing_condition_is_named(study, result):
+    verdict = Better("ta", "bc").judge(study(result("bc", 0.5)))
+    assert (verdict.ruling, verdict.reason) == (Ruling.UNTESTED, "no result of ta")
+
+
+def test_the_best_is_above_each_of_the_others(study, result):
+    low, middle, high = result("bc", 0.3), result("ta", 0.8), result("ta_ci", 0.98)
+    rule = Best("ta_ci", ("bc", "ta"))
+    assert rule.judge(study(low, middle, high)).ruling is Ruling.HOLDS
+    assert rule.judge(study(low, result("ta", 0.96), high)).ruling is Ruling.OPEN
+    assert rule.judge(study(low, result("ta", 1.0), result("ta_ci", 0.7))).ruling is Ruling.FAILS
+
+
+def test_never_means_that_the_interval_stays_below_a_bound(study, result):
+    rule = AtMost("mlp_unchunked", 0.05)
+    assert rule.judge(study(result("mlp_unchunked", 0.0, 0.0))).ruling is Ruling.HOLDS
+    assert rule.judge(study(result("mlp_unchunked", 0.04))).ruling is Ruling.OPEN
+    assert rule.judge(study(result("mlp_unchunked", 0.94))).ruling is Ruling.FAILS
+
+
+def test_models_differ_only_if_there_are_enough_of_them_and_not_by_chance(study, result):
+    rule = ModelsDiffer("bc")
+    assert rule.judge(study(result("bc", 0.2, 0.9))).ruling is Ruling.UNTESTED
+    assert rule.judge(study(result("bc", 0.3, 0.5, 0.9))).ruling is Ruling.HOLDS
+    assert rule.judge(study(result("bc", 0.5, 0.52, 0.49))).ruling is Ruling.OPEN
+
+
+def test_a_curve_saturates_where_its_fit_says_so(study, result):
+    rates = {10: 0.3, 20: 0.5, 40: 0.7, 80: 0.8, 160: 0.8}
+    curve = Curve(name="own_rollouts", title="O", axis="o", fit="saturating", points={f"own_{x}": x for x in rates})
+    tried = study(*(result(f"own_{x}", rate, rate) for x, rate in rates.items()), curves=(curve,))
+    assert Saturates("own_rollouts", 500).judge(tried).ruling is Ruling.HOLDS
+    assert Saturates("own_rollouts", 20).judge(tried).ruling is Ruling.FAILS
+    assert Saturates("elsewhere", 20).judge(tried).ruling is Ruling.UNTESTED
+
+
+def test_an_optimum_lies_within_bounds_if_nothing_outside_may_be_as_good(study, result):
+    rule, curve = BestWithin("synthetic_share", 0.08, 0.2), share_curve(bc=0, ten=0.1, forty=0.4)
+    bc, ten = result("bc", 0.4), result("ten", 0.9)
+    assert rule.judge(study(bc, ten, result("forty", 0.5), curves=(curve,))).ruling is Ruling.HOLDS
+    assert rule.judge(study(bc, ten, result("forty", 0.88), curves=(curve,))).ruling is Ruling.OPEN
+    assert rule.judge(study(bc, result("ten", 0.5), result("forty", 0.9), curves=(curve,))).ruling is Ruling.FAILS
+
+
+def test_each_statement_is_told_with_its_verdict_and_the_reason(study, result):
+    section = claims_section([study(result("bc", 0.4, 0.4), result("ta", 0.8, 0.8))])
+    assert section is not None
+    ((first, *_),) = [table.rows for table in section.tables]
+    assert first[:4] == ("Corrective snippets help: TA beats BC.", "Table VI", "one_leg", "holds")
+    assert len(section.tables[0].rows) == len(CLAIMS)
+    assert section.note.startswith("1 holds, ")
+
+
+def test_nothing_is_told_of_statements_none_of_which_was_tested(study, result):
+    assert claims_section([study(result("my_own", 0.4))]) is None
+
+
+def test_what_statements_compare_is_in_the_papers_study():
+    (one_leg, *_) = load_runs("paper_study")
+    assert set(one_leg.conditions) >= set(defaults()["conditions"])
+    for claim in CLAIMS:
+        for name in ("better", "than", "best", "condition"):
+            assert getattr(claim.rule, name, "bc") in one_leg.conditions
+        assert set(getattr(claim.rule, "among", ())) <= set(one_leg.conditions)
+        assert getattr(claim.rule, "curve", "rounds") in one_leg.curves

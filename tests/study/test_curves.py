@@ -1,0 +1,72 @@
+"""Curves: their numbers come from the configuration, and a fit tells what it does not know."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from juicer.study.curve_section import curve_section
+from juicer.study.curves import Curve, fit_saturation
+from juicer.study.points import rivals
+
+TRUE_TOP, TRUE_SCALE = 0.8, 60.0
+PLACES = (10, 20, 50, 100, 200, 500)
+
+
+def rate(x: float) -> float:
+    return float(TRUE_TOP * -np.expm1(-x / TRUE_SCALE))
+
+
+@pytest.fixture
+def points(result):
+    return [result(f"bc_{x}", rate(x), rate(x)) for x in PLACES]
+
+
+def test_a_fit_finds_the_curve_that_rates_follow(points):
+    fit = fit_saturation(PLACES, points)
+    assert fit is not None
+    assert fit.top == pytest.approx(TRUE_TOP, abs=0.01)
+    assert fit.enough == pytest.approx(TRUE_SCALE * np.log(20), rel=0.05)
+    assert fit.top_interval[0] < TRUE_TOP < fit.top_interval[1]
+    assert fit.enough_interval[0] < fit.enough < fit.enough_interval[1]
+    assert np.all(fit.low <= fit.high)
+    assert (fit.x[0], fit.x[-1]) == pytest.approx((10, 500))
+
+
+def test_fewer_points_than_tell_a_curve_from_another_are_not_fitted(points):
+    assert fit_saturation(PLACES[:3], points[:3]) is None
+
+
+def test_rates_of_zero_are_fitted_as_well(result):
+    fit = fit_saturation(PLACES, [result(f"bc_{x}", 0.0) for x in PLACES])
+    assert fit is not None
+    assert fit.top < 0.05
+
+
+def test_the_best_point_is_told_with_those_that_may_be_as_good(result, study):
+    found = [(0, result("a", 0.3)), (10, result("b", 0.8)), (20, result("c", 0.76)), (40, result("d", 0.4))]
+    (x, _), equals = rivals(study(*(each for _, each in found)), found)
+    assert x == 10
+    assert [other for other, _ in equals] == [20]
+
+
+def test_a_curve_is_a_table_a_sentence_and_a_drawing_beside_the_papers_points(points, study):
+    curve = Curve(
+        name="demonstrations", title="Success", axis="demonstrations", fit="saturating",
+        points={f"bc_{x}": x for x in PLACES},
+    )  # fmt: skip
+    section = curve_section([study(*points, curves=(curve,))])
+    assert section is not None
+    (table,), (chart,) = section.tables, section.charts
+    assert [row[0] for row in table.rows] == [str(x) for x in PLACES]
+    assert [row[-1] for row in table.rows] == ["21%", "36%", "-", "-", "-", "-"]
+    assert "The fitted curve tends to 80%" in table.note
+    assert chart.png.startswith(b"\x89PNG")
+    assert chart.svg.startswith("<svg")
+    assert "var(--accent)" in chart.svg
+    assert chart.name == "one_leg_demonstrations"
+
+
+def test_a_curve_without_results_is_left_out(study, result):
+    curve = Curve(name="c", title="C", axis="c", fit="none", points={"elsewhere": 1})
+    assert curve_section([study(result("bc", 0.5), curves=(curve,))]) is None

@@ -1,0 +1,59 @@
+"""A study as a page of Markdown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from juicer.reporting.section import Chart, Section, Table
+from juicer.study.markdown import write_markdown
+from juicer.study.sections import sections
+from juicer.study.success import differences_section, success_section
+
+
+def test_a_page_holds_its_tables_and_its_drawings_lie_beside_it(tmp_path):
+    chart = Chart("curve", "A curve", "<svg>", b"\x89PNG", "Dots.")
+    section = Section(
+        "curves", "Curves", "Curves", "How.", (Table(("x", "rate"), (("1", "50%"),), "T", "Note."),), (chart,)
+    )
+    files = write_markdown(tmp_path / "study.md", "my study", {"made on": "today"}, [section])
+    assert files == [tmp_path / "study.md", tmp_path / "study" / "curve.png"]
+    text = files[0].read_text()
+    assert "# my study\n" in text
+    assert "| made on | today |" in text
+    assert "| x | rate |\n| --- | ---: |\n| 1 | 50% |" in text
+    assert "![A curve](study/curve.png)" in text
+
+
+def test_what_names_say_stays_text(tmp_path):
+    table = Table(("a",), (("<b>x</b> | `y` *z*\n[w](v)\x1b[2J",),))
+    (path,) = write_markdown(tmp_path / "study.md", "s", {}, [Section("a", "A", "A", "", (table,))])
+    assert "| \\<b>x\\</b> \\| \\`y\\` \\*z\\*\\n\\[w](v)" in path.read_text().replace("\\\\n", "\\n")
+    assert "\x1b" not in path.read_text()
+
+
+def test_conditions_that_change_alike_are_tested_with_each_other_only(study, result):
+    tried = study(
+        result("bc", 0.4), result("ta", 0.8), result("ten_bc", 0.1), result("ten_ta", 0.5), result("alone", 0.3),
+        settings={"ten_bc": "randomness med", "ten_ta": "randomness med", "alone": "rounds 2"},
+    )  # fmt: skip
+    rates, tests = sections([tried], (success_section, differences_section))
+    assert [table.title for table in rates.tables] == ["one_leg", "one_leg, randomness med"]
+    assert [[row[0] for row in table.rows] for table in tests.tables] == [["BC → TA"], ["TEN_BC → TEN_TA"]]
+    assert tests.tables[0].rows[0][1] == "+40 points"
+
+
+def test_all_pairs_are_shown_at_once_with_a_star_where_they_differ(study, result):
+    section = differences_section([study(result("bc", 0.4), result("ta", 0.8), result("ci", 0.42))])
+    assert section is not None
+    _, matrix = section.tables
+    assert matrix.columns == ("", "BC", "TA", "CI")
+    assert matrix.rows == (("BC", "-", "-40*", "-2"), ("TA", "+40*", "-", "+38*"), ("CI", "+2", "-38*", "-"))
+
+
+def test_tasks_stand_side_by_side_as_in_the_paper(study, result):
+    one_leg = study(result("bc", 0.4, 0.6), result("ta", 0.8))
+    section = success_section([one_leg, replace(study(result("bc", 0.1)), task="lamp")])
+    assert section is not None
+    overview = section.tables[0]
+    assert overview.columns == ("condition", "one_leg", "lamp")
+    assert overview.rows == (("BC", "50% / 60% (59%/68%)", "10% / 10% (6%/7%)"), ("TA", "80% / 80% (64%/65%)", "-"))

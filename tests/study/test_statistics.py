@@ -1,0 +1,75 @@
+"""Tests between conditions allow for their number, and intervals for models as well as episodes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from juicer.seeding import stream
+from juicer.study.statistics import against, difference_interval, differences, holm, models_differ
+
+
+def test_holm_adjusts_as_in_its_definition():
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.9, 0.8]) == [1.0, 1.0]
+    assert holm([]) == []
+
+
+def test_holm_errs_once_in_twenty_however_many_tests_are_made(rng):
+    errs = [min(holm(rng.random(10))) < 0.05 for _ in range(2000)]
+    assert 0.035 < np.mean(errs) < 0.065
+
+
+def test_every_pair_is_tested_once_and_the_second_is_measured_against_the_first(result):
+    found = differences([result("bc", 0.4), result("ta", 0.8), result("ci", 0.5)])
+    assert [(each.first.condition, each.second.condition) for each in found] == [
+        ("bc", "ta"),
+        ("bc", "ci"),
+        ("ta", "ci"),
+    ]
+    assert [each.test.difference for each in found] == pytest.approx([0.4, 0.1, -0.3])
+    assert [each.is_significant for each in found] == [True, False, True]
+    assert all(low <= each.test.difference <= high for each in found for low, high in [each.interval])
+
+
+def test_fewer_tests_are_adjusted_less(result):
+    bc, others = result("bc", 0.5), [result("ta", 0.66), result("ci", 0.5), result("x", 0.5)]
+    (among_all, *_), (alone, *_) = differences([bc, *others]), against(bc, others)
+    assert alone.test == among_all.test
+    assert alone.p_adjusted < among_all.p_adjusted
+
+
+def test_conditions_without_a_seed_in_common_are_not_paired(result):
+    bc, ta = result("bc", 0.5), result("ta", 0.5)
+    elsewhere = replace(ta, models=(replace(ta.models[0], seed=7),))
+    assert differences([bc, elsewhere]) == []
+    assert len(differences([bc, ta])) == 1
+
+
+def test_interval_of_a_difference_covers_models_that_disagree(result):
+    alike = difference_interval(result("bc", 0.5, 0.5, 0.5), result("ta", 0.7, 0.7, 0.7))
+    apart = difference_interval(result("bc", 0.5, 0.5, 0.5), result("ta", 0.4, 0.7, 1.0))
+    assert apart[1] - apart[0] > 1.5 * (alike[1] - alike[0])
+    assert alike[0] > 0
+
+
+def test_interval_of_a_difference_holds_it_in_nineteen_of_twenty(result):
+    covered = []
+    for number in range(60):
+        draws = stream(number, "coverage").random((2, 200))
+        pair = [
+            result(f"{name}{number}", float(np.mean(each < 0.6)), episodes=200)
+            for name, each in zip("ab", draws, strict=True)
+        ]
+        low, high = difference_interval(*pair)
+        covered.append(low <= 0 <= high)
+    assert np.mean(covered) > 0.85
+
+
+def test_models_that_differ_by_chance_are_not_said_to_differ(result):
+    assert models_differ(result("bc", 0.5, 0.55, 0.48)) > 0.05
+    assert models_differ(result("bc", 0.2, 0.5, 0.8)) < 0.001
+    assert models_differ(result("bc", 1.0, 1.0, 1.0)) == 1.0
+    assert models_differ(result("bc", 0.5)) == 1.0
