@@ -20,8 +20,9 @@ from pathlib import Path
 
 import torch
 
-from flows.config import RunConfig, parse_runs
+from flows.config import RunConfig
 from flows.loop import run_model
+from flows.runs import parse_runs
 from juicer.artifacts.store import ArtifactStore
 from stages.runtime.context import NoRecord
 from stages.runtime.execution import perform_here

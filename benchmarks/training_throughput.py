@@ -15,7 +15,7 @@ from statistics import median
 import numpy as np
 import torch
 
-from flows.config import load_runs
+from flows.runs import load_runs
 from flows.shipped import PRESETS
 from juicer.geometry import matrix_to_rot6d, normalised, quat_to_matrix
 from juicer.policy.acting import TrainedPolicy

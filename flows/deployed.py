@@ -12,10 +12,11 @@ from prefect import flow
 from pydantic import Field, WithJsonSchema
 
 from flows.conditions import defaults
-from flows.config import RunConfig, parse_runs
+from flows.config import RunConfig
 from flows.running.body import run
 from flows.running.execution import RunOutcome
 from flows.running.runner import task_runner
+from flows.runs import parse_runs
 from flows.shipped import PRESETS, names
 from flows.single_stage import run_stage
 from juicer.tasks.task_name import TaskName

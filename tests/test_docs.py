@@ -11,7 +11,7 @@ import pytest
 import typer
 
 from flows.command.cli import app
-from flows.config import load_runs
+from flows.runs import load_runs
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]

@@ -9,8 +9,8 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
-from flows.config import load_runs
 from flows.running.execution import execute
+from flows.runs import load_runs
 from juicer.artifacts.store import ArtifactStore
 from stages.runtime.execution import perform_here
 from stages.runtime.session import Session

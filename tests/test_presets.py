@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from flows.config import load_runs
+from flows.runs import load_runs
 from flows.shipped import PRESETS, names
 from juicer.policy.config import FeatureSpec, PairSpec, PolicyConfig
 from juicer.policy.denoisers.unet.config import UNetConfig

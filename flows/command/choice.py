@@ -55,7 +55,7 @@ class Choice:
 
         A model for several tasks needs all of them, whichever it is evaluated on: they stay in it then.
         """
-        from flows.config import FLOW_KEY
+        from flows.runs import FLOW_KEY
         from flows.written import TASKS_KEY, read_written, settled
 
         written = read_written(self.source, self.overrides)
@@ -83,7 +83,7 @@ class Choice:
         Raises:
             ConfigError: If the configuration is not valid, or has no such part.
         """
-        from flows.config import load_runs
+        from flows.runs import load_runs
 
         runs = load_runs(self.source, self.overrides)
         known = [run.task for run in runs]

@@ -10,17 +10,28 @@ from typing import Annotated
 
 import typer
 
-from flows.command.options import CommandLine, choice, complete_condition, complete_configuration
+from flows.command.arguments import (
+    ArtifactId,
+    AsJson,
+    CheckpointId,
+    Conditions,
+    ConfigFile,
+    Configuration,
+    Overrides,
+    Seeds,
+    ShiftKind,
+    StageName,
+    TaskOfCheckpoint,
+    Tasks,
+)
+from flows.command.options import CommandLine, choice
 from flows.servers.proxies import bypass_proxies_on_loopback
-from flows.shipped import CONFIGS, names
 from flows.terminal.output import say_error
 from flows.terminal.streams import tolerate_refusals
 from juicer import __version__
 from juicer.artifacts.ref import KINDS
 from juicer.errors import JuicerError
-from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import Randomness
-from stages.runtime.names import STAGES
 
 VIEWS = ("front", "wrist", "both")
 ANALYSES = ("sampling", "modes", "monitor")
@@ -33,42 +44,6 @@ app = CommandLine(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-_CONFIGURATION = f"File of a configuration, or the name of one that comes along: {', '.join(names(CONFIGS))}."
-Configuration = Annotated[
-    str, typer.Argument(metavar="CONFIG", help=_CONFIGURATION, autocompletion=complete_configuration)
-]
-ConfigFile = Annotated[
-    str,
-    typer.Option("--config", "-c", metavar="CONFIG", help=_CONFIGURATION, autocompletion=complete_configuration),
-]
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        "-s",
-        metavar="KEY=VALUE",
-        help="Change a value of the configuration, e.g. --set evaluate.episodes=200 or --set 'seeds=[0, 1]'; "
-        "see `juicer config`. Repeatable.",
-    ),
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
-Conditions = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--condition",
-        metavar="NAME",
-        help="Only this condition of a study, e.g. ta_ci; its configuration names them. Repeatable.",
-        autocompletion=complete_condition,
-    ),
-]
-Seeds = Annotated[list[int] | None, typer.Option("--seed", min=0, help="Only this seed of a study. Repeatable.")]
-Tasks = Annotated[
-    list[str] | None,
-    typer.Option("--task", help="Only this of the configuration's tasks. Repeatable.", **choice(TASK_NAMES)),
-]
-StageName = Annotated[str, typer.Argument(help=f"Stage: {', '.join(STAGES)}.", **choice(STAGES, "NAME"))]
-ArtifactId = Annotated[str, typer.Argument(metavar="ID", help="Id of an artifact, or its first letters.")]
 
 
 def _say_version(asked: bool) -> None:
@@ -245,7 +220,7 @@ def repair(
 
 @app.command()
 def evaluate(
-    checkpoint: Annotated[str, typer.Argument(metavar="CHECKPOINT", help="Id of a checkpoint, or its first letters.")],
+    checkpoint: CheckpointId,
     episodes: Annotated[int, typer.Option("--episodes", "-n", min=1, help="Evaluation episodes.")] = 100,
     seed_start: Annotated[
         int, typer.Option("--seed-start", min=0, help="Position of the first initial state among those for evaluation.")
@@ -253,10 +228,7 @@ def evaluate(
     randomness: Annotated[
         str, typer.Option("--randomness", help="Level of the initial states.", **choice(Randomness))
     ] = Randomness.LOW.value,
-    task: Annotated[
-        str | None,
-        typer.Option("--task", help="Task, if the checkpoint was trained for several.", **choice(TASK_NAMES)),
-    ] = None,
+    task: TaskOfCheckpoint = None,
     inference_steps: Annotated[
         int | None,
         typer.Option("--inference-steps", min=1, help="Steps that sample an action chunk, if not the policy's own."),
@@ -273,15 +245,7 @@ def evaluate(
         int,
         typer.Option("--samples", min=1, help="Chunks drawn at each prediction; the one where they are densest acts."),
     ] = 1,
-    shift: Annotated[
-        str | None,
-        typer.Option(
-            "--shift",
-            metavar="KIND",
-            help="In what the scenes differ from training: outside, push, friction, light or camera; or that with "
-            "settings, e.g. '{kind: push, force_n: 5}'.",
-        ),
-    ] = None,
+    shift: ShiftKind = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure the success rate of a checkpoint."""
@@ -304,11 +268,8 @@ def analyse(
     kind: Annotated[
         str, typer.Argument(help=f"What is to be known: {', '.join(ANALYSES)}.", **choice(ANALYSES, "KIND"))
     ],
-    checkpoint: Annotated[str, typer.Argument(metavar="CHECKPOINT", help="Id of a checkpoint, or its first letters.")],
-    task: Annotated[
-        str | None,
-        typer.Option("--task", help="Task, if the checkpoint was trained for several.", **choice(TASK_NAMES)),
-    ] = None,
+    checkpoint: CheckpointId,
+    task: TaskOfCheckpoint = None,
     overrides: Overrides = None,
     figure: Annotated[Path | None, typer.Option("--figure", help="File to write the figure to, as PNG.")] = None,
     as_json: AsJson = False,

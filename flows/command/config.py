@@ -8,8 +8,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from flows.command.choice import Choice
-from flows.config import DEFAULT_FLOW, FLOW_KEY, RunConfig
+from flows.config import RunConfig
 from flows.loop_config import LoopConfig
+from flows.runs import DEFAULT_FLOW, FLOW_KEY
 from flows.terminal.output import say, say_json
 from flows.written import TASKS_KEY, Written
 from juicer.config import parse_config

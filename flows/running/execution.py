@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextvars import copy_context
 from dataclasses import dataclass, replace
@@ -14,7 +14,7 @@ from flows.config import RunConfig
 from flows.loop import ModelOutcome, evaluate_further, run_model
 from flows.running.settings import read_settings
 from flows.running.tracking import Tracking
-from flows.stopping import num_episodes, told, unsettled
+from flows.stopping import StopConfig, num_episodes, told, unsettled
 from juicer.artifacts.manifest import STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
@@ -168,18 +168,31 @@ def _to_be_continued(session: Session, config: RunConfig, models: Sequence[Model
     stop = config.evaluate.stop
     if stop is None:
         return []
-    first, episodes = models[0].condition, {}
+    further = {name for group in _comparable(config, models) for name in _unsettled(session, config, stop, group)}
+    return [place for place, model in enumerate(models) if model.condition in further]
+
+
+def _comparable(config: RunConfig, models: Sequence[ModelOutcome]) -> Iterable[list[ModelOutcome]]:
+    """Models by what they are evaluated on: only on the same initial states are episodes compared in pairs."""
+    groups: dict[str, list[ModelOutcome]] = {}
     for model in models:
-        episodes[model.condition] = num_episodes(session, model.evaluation)
+        groups.setdefault(config.loop(model.condition).evaluation.model_dump_json(), []).append(model)
+    return groups.values()
+
+
+def _unsettled(session: Session, config: RunConfig, stop: StopConfig, models: Sequence[ModelOutcome]) -> set[str]:
+    """Conditions of comparable models that need further episodes, and have some left."""
+    episodes = {model.condition: num_episodes(session, model.evaluation) for model in models}
+    first, most = models[0].condition, config.loop(models[0].condition).evaluate.episodes
     try:
         names = unsettled(condition_results(session.store, *rows_of(models)), stop)
     except ArtifactNotFound:
         names = list(episodes)  # a run in thought: it may need them all
-    further = {name for name in names if episodes[name] < config.evaluate.episodes}
+    further = {name for name in names if episodes[name] < most}
     # Episodes are compared in pairs: the first condition keeps up with those that are compared with it.
     if stop.comparison and any(episodes[name] >= episodes[first] for name in further):
         further.add(first)
-    return [place for place, model in enumerate(models) if model.condition in further]
+    return further
 
 
 def _wait(futures: Sequence[Future[ModelOutcome]], session: Session) -> None:
@@ -246,11 +259,17 @@ def _facts(config: RunConfig, outcome: RunOutcome, store: ArtifactStore) -> Mapp
         "Randomness": config.randomness.value,
         "The policies see": "; or ".join(seen),
         "Seeds": ", ".join(map(str, config.seeds)),
-        "Evaluation episodes a model": f"at most {episodes}: {told(outcome.results(store), stop)}"
+        "Evaluation episodes a model": f"at most {episodes}: {'; '.join(_stops(config, outcome, store, stop))}"
         if stop
         else episodes,
         **({"Shifts": "; ".join(_told(*entry) for entry in config.shifts.items())} if config.shifts else {}),
     }
+
+
+def _stops(config: RunConfig, outcome: RunOutcome, store: ArtifactStore, stop: StopConfig) -> list[str]:
+    """Why evaluations ended."""
+    groups = _comparable(config, outcome.models)
+    return [told(condition_results(store, *rows_of(group)), stop) for group in groups]
 
 
 def _told(name: str, shift: Shift) -> str:

@@ -20,9 +20,9 @@ def robustness_section(studies: Sequence[TaskStudy]) -> Section | None:
         "shifts",
         "Under shifts",
         "How often policies succeed in scenes unlike those of training",
-        "The same models from the same initial-state seeds, in scenes that differ from all that training has seen; rates "
-        "with 95 % intervals. A policy that sees no images cannot notice another light or camera. Tests are as those "
-        "of the usual scenes.",
+        "The same models from the same initial-state seeds, in scenes that differ from all that training has seen; "
+        "rates with 95 % intervals. A policy that sees no images cannot notice another light or camera. Tests are as "
+        "those of the usual scenes.",
         tables,
     )
 

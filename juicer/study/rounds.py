@@ -34,9 +34,9 @@ def rounds_section(studies: Sequence[TaskStudy]) -> Section | None:
         "rounds",
         "Rounds",
         "What each round brought, and what it cost a human",
-        f"Minutes of one model: recorded time of demonstrations and corrections, and {LABEL_S:.0f} s a critical state for "
-        "labels, as the paper's annotators needed. A round's rate is that of the model that collects in it, in its own "
-        "rollouts, whose initial states are new to it.",
+        f"Minutes of one model: recorded time of demonstrations and corrections, and {LABEL_S:.0f} s a critical state "
+        "for labels, as the paper's annotators needed. A round's rate is that of the model that collects in it, in its "
+        "own rollouts, whose initial states are new to it.",
         tables,
     )
 

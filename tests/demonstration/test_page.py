@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from flows.command.recordings import find_recordings, say_recordings
-from flows.config import RunConfig, load_runs
+from flows.config import RunConfig
 from flows.loop import get_demonstrations
+from flows.runs import load_runs
 from juicer.annotation.propose import AnnotationConfig
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from flows.config import parse_runs
 from flows.running.plan import plan
+from flows.runs import parse_runs
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ConfigError
 

@@ -8,10 +8,11 @@ import re
 import pytest
 
 from flows.command.cli import call
-from flows.config import StudyConfig, load_runs
+from flows.config import StudyConfig
 from flows.loop_config import LoopConfig
 from flows.running.execution import execute
 from flows.running.plan import calls_of, evaluated_models, plan
+from flows.runs import load_runs
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ConfigError
 from stages.report import PAGE

@@ -11,9 +11,10 @@ from pydantic import ValidationError
 
 from flows.command.choice import Choice
 from flows.conditions import Condition, defaults, shipped
-from flows.config import CollectInferConfig, StudyConfig, load_runs
+from flows.config import CollectInferConfig, StudyConfig
 from flows.running.execution import execute
 from flows.running.plan import calls_of, plan
+from flows.runs import load_runs
 from juicer.artifacts.store import ArtifactStore
 from juicer.config import canonical_json
 from juicer.errors import ConfigError

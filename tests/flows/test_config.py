@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from flows.conditions import defaults
-from flows.config import CollectInferConfig, StudyConfig, load_runs
+from flows.config import CollectInferConfig, StudyConfig
+from flows.runs import load_runs
 from juicer.augmentation.config import AugmentationConfig, DepartureConfig, ToleranceConfig
 from juicer.errors import ConfigError
 from juicer.seed_ranges import Purpose, claim

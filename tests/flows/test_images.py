@@ -7,9 +7,9 @@ from collections import Counter
 import PIL.Image
 import pytest
 
-from flows.config import parse_runs
 from flows.running.execution import execute
 from flows.running.plan import plan
+from flows.runs import parse_runs
 from juicer.artifacts.store import ArtifactStore
 from stages.report import PAGE, VARIED
 from stages.runtime.execution import perform_here

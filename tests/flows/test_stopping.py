@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from flows.config import CollectInferConfig, StudyConfig, parse_runs
+from flows.config import CollectInferConfig, StudyConfig
 from flows.running.execution import RunOutcome, execute, run_models
 from flows.running.plan import is_complete, plan
 from flows.running.tracking import Tracking
+from flows.runs import parse_runs
 from flows.stopping import StopConfig, is_settled, told, unsettled
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Outcome

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.config import load_runs, parse_runs
+from flows.runs import load_runs, parse_runs
 from flows.shipped import CONFIGS, PRESETS, names
 from flows.written import read_written
 from juicer.errors import ConfigError

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.config import load_runs, parse_runs
+from flows.runs import load_runs, parse_runs
 from juicer.errors import ConfigError
 
 BOMB = "a0: &a0 [1, 2, 3, 4, 5, 6, 7, 8, 9]\n" + "".join(
@@ -342,7 +342,7 @@ def test_bombs_are_refused_within_400_megabytes(tmp_path):
         (tmp_path / f"{name}.yaml").write_text(TEXTS[name])
     program = (
         "import resource, sys\n"
-        "from flows.config import load_runs\n"
+        "from flows.runs import load_runs\n"
         "from juicer.errors import ConfigError\n"
         "used = int(open('/proc/self/statm').read().split()[0]) * resource.getpagesize()\n"
         "resource.setrlimit(resource.RLIMIT_AS, (used + 400 * 2**20,) * 2)\n"

@@ -13,7 +13,6 @@ from juicer.evaluation import ModelResult, summarise
 from juicer.reporting.content import (
     AugmentationYield,
     DatasetSize,
-    Effort,
     EpisodeVideo,
     EstimatorErrors,
     EvaluatedEpisode,
@@ -159,15 +158,6 @@ def report_data() -> ReportData:
                 "TA+CI",
                 {"teleop": 50, "rollout": 83, "augmentation": 150},
                 {"teleop": 28_900, "rollout": 44_120, "augmentation": 8_250},
-            ),
-        ),
-        efforts=(
-            Effort("BC", {"demonstrations": 41.5, "labels": 0.0, "corrections": 0.0}, 0.52),
-            Effort(
-                "TA+CI+DAgger",
-                {"demonstrations": 41.5, "labels": 10.0, "corrections": 8.5},
-                0.9,
-                ((0.31, 0.25, 0.38), (0.74, 0.67, 0.79)),
             ),
         ),
         videos=(video("A success"), video("A typical failure")),

@@ -78,14 +78,6 @@ def test_data_sizes_have_the_form_of_table_v(report_data: ReportData):
     assert "TA+CI 50 83 150 283 81 270 10%" in text
 
 
-def test_the_rate_of_every_round_stands_beside_the_human_minutes(report_data: ReportData):
-    page = render_page(report_data)
-    for told in ("<th>round 2</th>", "31% (25% to 38%)", "74% (67% to 79%)", "<th>corrections, min</th>"):
-        assert told in page
-    # 90 points in an hour of demonstrations, labels and corrections.
-    assert '<td data-label="together, min">60.0</td><td data-label="points a minute">1.5</td>' in page
-
-
 def test_equal_data_gives_an_equal_page(report_data: ReportData):
     assert render_page(report_data) == render_page(report_data)
 

@@ -48,6 +48,9 @@ from juicer.storage.curves import read_curves
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.storage.evaluations import read_evaluation, write_evaluation
 from juicer.storage.selections import read_selection
+from juicer.study.material import task_study
+from juicer.study.rounds import rounds_section
+from juicer.study.sections import sections
 from juicer.training.config import TrainingConfig, WindowConfig
 from juicer.training.mixing import DatasetConfig
 from stages.annotate import annotate
@@ -299,20 +302,20 @@ def test_a_policy_learns_from_corrections_and_the_report_counts_the_human_minute
     assert summary(loop, checkpoint)["episodes"] == {"teleop": 2, "augmentation": 2, "correction": 1}
     evaluation = evaluate(loop.session, checkpoint=checkpoint, config=EVALUATE)
     rows = (ReportRow(condition="dagger", title="DAgger", seed=0),)
-    data = gather(loop.store, [evaluation], rows, title="t", task="one_leg", facts={}, findings=())
-    (effort,) = data.efforts
+    section = rounds_section([task_study(loop.store, "one_leg", [evaluation], rows)])
+    (table,) = section.tables
+    told = dict(zip(table.columns, table.rows[0], strict=True))
     demonstrated = summary(loop, loop.demonstrations)
-    steps = demonstrated["steps"] + demonstrated["idle_steps_dropped"]
-    assert effort.minutes == pytest.approx(
-        {
-            "demonstrations": steps / 600,
-            "labels": 2 * 12 / 60,
-            "corrections": summary(loop, corrections)["human_steps"] / 600,
-        }
-    )
-    ((average, low, high),) = effort.rounds
-    assert average == low == 0 < high
-    assert effort.rate == 0
+    minutes = {
+        "demonstrations": (demonstrated["steps"] + demonstrated["idle_steps_dropped"]) / 600,
+        "labels": 2 * 12 / 60,
+        "corrections": summary(loop, corrections)["human_steps"] / 600,
+    }
+    for name, spent in minutes.items():
+        assert told[f"{name}, min"] == f"{spent:.1f}"
+    assert told["together, min"] == f"{sum(minutes.values()):.1f}"
+    assert told["round 1"].startswith("0% (0% to ")
+    assert (told["evaluated"], told["points a minute"]) == ("0%", "0.0")
 
 
 def test_where_no_rollout_failed_nothing_is_corrected(loop):
@@ -709,7 +712,17 @@ def test_a_report_shows_a_column_for_each_shift_and_counts_its_cost(loop):
     shifted = evaluate(loop.session, checkpoint=loop.checkpoint, config=config)
     row = ReportRow(condition="bc", title="BC", seed=0, unnoticed=("light",))
     rows = (row, row.model_copy(update={"shift": "slippery"}))
-    data = gather(loop.store, (loop.evaluation, shifted), rows, title="t", task="one_leg", facts={}, findings=())
+    study = task_study(loop.store, "one_leg", (loop.evaluation, shifted), rows)
+    data = gather(
+        loop.store,
+        (loop.evaluation, shifted),
+        rows,
+        title="t",
+        task="one_leg",
+        sections=sections([study]),
+        facts={},
+        findings=(),
+    )
     (result,) = data.results
     assert result.num_episodes == 3
     assert result.shifted["slippery"].num_episodes == 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from flows.conditions import defaults
-from flows.config import load_runs
+from flows.runs import load_runs
 from juicer.study.claims import CLAIMS, claims_section
 from juicer.study.curves import Curve
 from juicer.study.rules import AtMost, Best, BestWithin, Better, ModelsDiffer, Ruling, Saturates

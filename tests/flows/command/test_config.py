@@ -8,7 +8,7 @@ import pytest
 
 from flows.command.choice import Choice
 from flows.command.cli import call
-from flows.config import load_runs
+from flows.runs import load_runs
 
 
 def printed(capsys, *arguments):

@@ -10,8 +10,8 @@ import pytest
 
 from flows.command.cli import call
 from flows.command.preview import preview, total_seconds
-from flows.config import load_runs
 from flows.running.plan import explainer, plan
+from flows.runs import load_runs
 from juicer.artifacts.store import ArtifactStore
 
 DEMO = Path(__file__).parents[3] / "configs" / "demo.yaml"

@@ -8,12 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from flows.config import StudyConfig, load_runs
+from flows.config import StudyConfig
 from flows.loop import ModelOutcome
 from flows.running import execution
 from flows.running.execution import RunOutcome, _facts, execute, run_models
 from flows.running.plan import is_complete, plan
 from flows.running.tracking import Tracking
+from flows.runs import load_runs
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore

@@ -6,8 +6,9 @@ from collections import Counter
 
 import pytest
 
-from flows.config import CollectInferConfig, StudyConfig, load_runs
+from flows.config import CollectInferConfig, StudyConfig
 from flows.running.plan import calls_of, is_complete, missing_inputs, plan
+from flows.runs import load_runs
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ConfigError
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import pytest
 
-from flows.config import load_runs
 from flows.running.plan import plan, require_weights
 from flows.running.settings import Settings
+from flows.runs import load_runs
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import UnusableWeights
 from juicer.policy.pretrained.files import DEFAULT_FOLDER, places

@@ -1,0 +1,24 @@
+"""What is told of scenes unlike those of training."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from juicer.study.robustness import robustness_section
+
+
+def test_rates_and_tests_under_a_shift_stand_together(result, study):
+    bc, ta = (
+        replace(result(name, usual), shifted={"push": result(name, pushed), "light": None})
+        for name, usual, pushed in (("bc", 0.8, 0.2), ("ta", 0.9, 0.9))
+    )
+    rates, tests = robustness_section([study(bc, ta)]).tables
+    assert rates.columns == ("condition", "no shift", "push", "light")
+    assert [row[0] for row in rates.rows] == ["BC", "TA"]
+    assert {row[3] for row in rates.rows} == {"sees no images"}
+    assert tests.title == "one_leg, under push"
+    assert tests.rows[0][:2] == ("BC → TA", "+70 points")
+
+
+def test_without_shifts_there_is_no_such_section(result, study):
+    assert robustness_section([study(result("bc", 0.8), result("ta", 0.9))]) is None
