@@ -202,7 +202,7 @@ def test_rates_under_shifts_are_told_beside_the_usual_ones(store):
     noted = noting.noted["BC, seed 0"]
     assert noted.shifted == {"slippery": model["shifted"]["slippery"]}
     assert noted.unnoticed == ("dim",)
-    told = _facts(config, outcome.models)["Shifts"]
+    told = _facts(config, outcome, store)["Shifts"]
     assert told.startswith("slippery: with other friction (factor 0.3); dim: under another light (turn_rad 0.6")
 
 
