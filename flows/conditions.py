@@ -88,8 +88,10 @@ class Condition(StrictConfig):
     )
     state_noise: bool = Field(default=False, description="whether observed states are perturbed in training")
     replay: bool = Field(default=False, description="whether it plays demonstrations instead of learning from them")
-    changes: dict[str, Any] = Field(
-        default={}, description="what differs for this condition, under the keys of a configuration's top level"
+    changes: dict[Annotated[str, Field(max_length=100)], Any] = Field(
+        default={},
+        max_length=MOST_DEFINITIONS,
+        description="what differs for this condition, under the keys of a configuration's top level",
     )
 
     @property

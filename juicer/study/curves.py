@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,9 @@ REFITS = 300
 NEARLY = 0.95
 """Share of the plateau at which a curve counts as saturated."""
 
+Number = Annotated[float, Field(ge=-1e12, le=1e12)]
+"""Place of a point on the axis."""
+
 
 class CurveConfig(StrictConfig):
     """Conditions that make a curve, and the number in which they differ."""
@@ -32,7 +35,7 @@ class CurveConfig(StrictConfig):
         default="", max_length=200, description="key of the configuration that holds it, e.g. record.demonstrations"
     )
     fit: Literal["saturating", "none"] = Field(default="none", description="the curve that is drawn through the points")
-    conditions: dict[str, float | int | None] = Field(
+    conditions: dict[Annotated[str, Field(max_length=40)], Number | None] = Field(
         min_length=1,
         max_length=MOST_POINTS,
         description="names, or names with the number where the key does not say it",

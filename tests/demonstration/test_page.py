@@ -35,7 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("mine")
     (folder / "presets").symlink_to(ROOT / "configs" / "presets")
     (folder / "labels.csv").write_text(blocks("csv")[0])
-    for name, text in zip(("mine.yaml", "labelled.yaml"), blocks("yaml"), strict=True):
+    for name, text in zip(("mine.yaml", "labelled.yaml"), blocks("yaml"), strict=False):
         (folder / name).write_text(text)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)

@@ -289,7 +289,12 @@ def test_help_names_the_choices_and_gives_an_example(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "300")
     assert call(["run", "--help"]) == 0
     told = capsys.readouterr().out
-    for words in ("demo, demo_images, human_operator, image_ablation", "e.g. ta_ci", "[one_leg|", "--set evaluate.episodes=200"):
+    for words in (
+        "demo, demo_images, human_operator, image_ablation",
+        "e.g. ta_ci",
+        "[one_leg|",
+        "--set evaluate.episodes=200",
+    ):
         assert words in told
 
 
