@@ -61,6 +61,16 @@ class TaskStudy:
         return self.measured[first.condition].states == self.measured[second.condition].states
 
     @property
+    def behind(self) -> list[Manifest]:
+        """Everything that the results were made of, each artifact once, parents first."""
+        return self.sources.behind([each.ref for measured in self.measured.values() for each in measured.evaluations])
+
+    def behind_models(self, measured: Measured) -> list[Sequence[Manifest]]:
+        """What each model of a condition and its usual evaluation were made of, as far as it is known."""
+        usual = [each for each in measured.evaluations if not each.recipe.config.get("shift")]
+        return [self.sources.behind([each.ref]) for each in usual]
+
+    @property
     def groups(self) -> dict[str, list[Measured]]:
         """By what they change, conditions that differ in their method alone, and were evaluated alike."""
         groups: dict[str, list[Measured]] = {}
