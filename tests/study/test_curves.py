@@ -50,6 +50,13 @@ def test_the_best_point_is_told_with_those_that_may_be_as_good(result, study):
     assert [other for other, _ in equals] == [20]
 
 
+def test_a_point_that_cannot_be_paired_with_the_best_is_not_called_worse(result, study):
+    found = [(0, result("a", 0.3)), (10, result("b", 0.8)), (20, result("c", 0.3))]
+    tried = study(*(each for _, each in found), settings={"c": "randomness med"})
+    _, equals = rivals(tried, found)
+    assert [other for other, _ in equals] == [20]
+
+
 def test_a_curve_is_a_table_a_sentence_and_a_drawing_beside_the_papers_points(points, study):
     curve = Curve(
         name="demonstrations", title="Success", axis="demonstrations", fit="saturating",
