@@ -129,11 +129,10 @@ class Saturates:
         if fit is None:
             return Verdict(Ruling.UNTESTED, f"curve {self.curve} has no results, or too few to fit")
         low, high = fit.enough_interval
-        ruling = Ruling.HOLDS if high <= self.by else Ruling.FAILS if low > self.by else Ruling.OPEN
-        return Verdict(
-            ruling,
-            f"95% of a plateau of {percent(fit.top)} at {rounded(fit.enough)} ({rounded(low)} to {rounded(high)})",
-        )
+        told = f"95% of a plateau of {percent(fit.top)} at {rounded(fit.enough)} ({rounded(low)} to {rounded(high)})"
+        if not fit.is_seen:
+            return Verdict(Ruling.OPEN, f"{told}, which lies outside the points")
+        return Verdict(Ruling.HOLDS if high <= self.by else Ruling.FAILS if low > self.by else Ruling.OPEN, told)
 
 
 @dataclass(frozen=True)

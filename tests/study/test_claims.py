@@ -73,6 +73,15 @@ def test_a_curve_saturates_where_its_fit_says_so(study, result):
     assert Saturates("elsewhere", 20).judge(tried).ruling is Ruling.UNTESTED
 
 
+def test_where_a_curve_saturates_outside_its_points_cannot_be_told(study, result):
+    rates = {10: 0.05, 20: 0.1, 40: 0.2, 80: 0.4}
+    curve = Curve(name="own_rollouts", title="O", axis="o", fit="saturating", points={f"own_{x}": x for x in rates})
+    tried = study(*(result(f"own_{x}", rate, rate, episodes=2000) for x, rate in rates.items()), curves=(curve,))
+    verdict = Saturates("own_rollouts", 20).judge(tried)
+    assert verdict.ruling is Ruling.OPEN
+    assert "which lies outside the points" in verdict.reason
+
+
 def test_an_optimum_lies_within_bounds_if_nothing_outside_may_be_as_good(study, result):
     rule, curve = BestWithin("synthetic_share", 0.08, 0.2), share_curve(bc=0, ten=0.1, forty=0.4)
     bc, ten = result("bc", 0.4), result("ten", 0.9)
