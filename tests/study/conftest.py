@@ -70,14 +70,13 @@ class Made:
             draft.summary |= summary or {}
         return made.ref
 
-    def evaluation(self, condition: str, checkpoint: ArtifactRef, *, seed: int = 0, successes: int = 1) -> None:
-        """Of two episodes."""
-        recipe = Recipe(
-            "evaluate", "evaluation", inputs={"checkpoint": (checkpoint,)}, config={"task": "one_leg", "seed": seed}
-        )
+    def evaluation(self, condition: str, checkpoint: ArtifactRef, *, seed: int = 0, **settings: Any) -> None:
+        """Of a success and a failure."""
+        config = {"task": "one_leg", "seed": seed} | settings
+        recipe = Recipe("evaluate", "evaluation", inputs={"checkpoint": (checkpoint,)}, config=config)
         with self.store.create(recipe) as draft:
-            outcomes = [Outcome.SUCCESS] * successes + [Outcome.TIMEOUT] * (2 - successes)
-            rows = [EvaluationRow(number, number, outcome, 0, 9) for number, outcome in enumerate(outcomes)]
+            ends = enumerate((Outcome.SUCCESS, Outcome.TIMEOUT))
+            rows = [EvaluationRow(number, number, outcome, 0, 9) for number, outcome in ends]
             write_evaluation(draft.path, rows)
         self._evaluations.append(recipe.ref)
         self._rows.append(ReportRow(condition=condition, title=condition.upper(), seed=seed))
