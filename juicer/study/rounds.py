@@ -30,7 +30,7 @@ def rounds_section(studies: Sequence[TaskStudy]) -> Section | None:
         "How good the models of every round were",
         "A round's rate is that of the model that collects in it, in its own rollouts, whose initial states are new to "
         "it. A model from whose rollouts of a round nothing was learned, for instance as none succeeded, is missing "
-        "there: the rate is that of the others, whose number is told, and higher than that of all.",
+        "there: the rate is that of the others, whose number is told, and probably higher than that of all.",
         tables,
     )
 

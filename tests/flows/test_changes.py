@@ -177,6 +177,10 @@ def test_the_report_draws_the_curve_and_tests_conditions_that_change_alike(finis
     for anchor in ("curves", "effort", "learned", "cost"):
         assert f'<section id="{anchor}">' in page
         assert f'href="#{anchor}"' in page
+    # What is told at all is told once.
+    anchors = re.findall(r'<section id="([^"]+)"', page)
+    assert len(anchors) == len(set(anchors))
+    assert not {"data", "price"} & set(anchors)
     # Each of the others changes something, so nothing is left to be tested.
     assert '<section id="differences">' not in page
 
