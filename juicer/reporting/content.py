@@ -79,23 +79,6 @@ class EstimatorErrors:
 
 
 @dataclass(frozen=True)
-class DatasetSize:
-    """What a condition was trained on, in the form of the paper's Table V.
-
-    Attributes:
-        condition: Title of the condition.
-        episodes: Episodes by source (``teleop``, ``rollout``, ``augmentation``), mean over its models.
-        timesteps: Timesteps by source, mean over its models.
-        unused: Those of them at which no training window begins, as their episodes are too short for one.
-    """
-
-    condition: str
-    episodes: Mapping[str, float]
-    timesteps: Mapping[str, float]
-    unused: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class ShownAnalysis:
     """What else is known of a policy.
 
@@ -246,23 +229,6 @@ class Provenance:
 
 
 @dataclass(frozen=True)
-class StageCost:
-    """What one stage cost.
-
-    Attributes:
-        stage: Its name.
-        artifacts: Artifacts it made.
-        seconds: Wall time of making them, in this run or in an earlier one.
-        megabytes: Size of its artifacts.
-    """
-
-    stage: str
-    artifacts: int
-    seconds: float
-    megabytes: float
-
-
-@dataclass(frozen=True)
 class NextStep:
     """Something worth doing next.
 
@@ -292,13 +258,11 @@ class ReportData:
         curves: Training runs.
         augmentations: Yield of each augmentation.
         estimators: Errors of each estimator whose estimates a policy acts on.
-        datasets: Training data by condition.
         analyses: What else is known of the policies.
         videos: A success, a typical failure.
         models: Every model with every episode of its evaluation.
         lineage: The artifacts behind the results, parents in any order.
         provenance: How to make the results again; none if it is not known.
-        costs: What each stage cost, in the order of the stages.
         next_steps: Commands worth typing.
     """
 
@@ -313,11 +277,9 @@ class ReportData:
     curves: tuple[TrainingCurve, ...] = ()
     augmentations: tuple[AugmentationYield, ...] = ()
     estimators: tuple[EstimatorErrors, ...] = ()
-    datasets: tuple[DatasetSize, ...] = ()
     analyses: tuple[ShownAnalysis, ...] = ()
     videos: tuple[EpisodeVideo, ...] = ()
     models: tuple[EvaluatedModel, ...] = ()
     lineage: tuple[LineageNode, ...] = ()
     provenance: Provenance | None = None
-    costs: tuple[StageCost, ...] = ()
     next_steps: tuple[NextStep, ...] = ()

@@ -18,15 +18,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy.typing import NDArray
 
 from juicer.evaluation import ConditionResult
-from juicer.reporting.content import (
-    DatasetSize,
-    EpisodeVideo,
-    EvaluatedModel,
-    Funnel,
-    ReportData,
-    StageCost,
-    TrainingCurve,
-)
+from juicer.reporting.content import EpisodeVideo, EvaluatedModel, Funnel, ReportData, TrainingCurve
 from juicer.reporting.figures import (
     DASHES,
     GROUP_COLORS,
@@ -42,7 +34,6 @@ from juicer.reporting.lineage_drawing import lineage_graph
 from juicer.text import printable
 
 ASSETS = ("*.html.j2", "report.css", "report.js")
-SOURCES = ("teleop", "rollout", "augmentation", "correction")
 _STILL_QUALITY = 80
 _LARGEST_OPEN_GRAPH = 24
 """Artifacts of a graph that is shown at once; a larger one is unfolded on demand."""
@@ -100,7 +91,6 @@ def render_page(data: ReportData) -> str:
     limits = loss_limits(data.curves)
     page = environment.get_template("report.html.j2").render(
         data=data,
-        sources=[each for each in SOURCES if any(each in size.episodes for size in data.datasets)],
         headline=_headline(data.results),
         success=success_figure(data.results) if data.results else "",
         funnels=[(funnel, funnel_figure(funnel), _largest_loss(funnel)) for funnel in data.funnels],
@@ -110,12 +100,9 @@ def render_page(data: ReportData) -> str:
         yields=[(augmentation, yield_figure(augmentation)) for augmentation in data.augmentations],
         videos=list(map(_video, data.videos)),
         models=[(name, list(models)) for name, models in groupby(_sorted_models(data), lambda m: m.condition)],
-        dataset_scale=max((_total(size) for size in data.datasets), default=0.0),
-        dataset_total=_total,
         is_small_lineage=len(data.lineage) <= _LARGEST_OPEN_GRAPH,
         links=_safe_links(data.provenance.links if data.provenance else {}),
         configuration_uri=_data_uri("application/yaml", (data.provenance.configuration if data.provenance else "")),
-        total_cost=_sum_costs(data.costs),
     )
     return _UNFIT.sub(lambda match: match.group().encode("unicode_escape").decode("ascii"), page)
 
@@ -218,19 +205,6 @@ def _episode_lines(model: EvaluatedModel) -> str:
         )
         lines.append("\t".join(map(str, cells)))
     return "\n".join(lines)
-
-
-def _total(size: DatasetSize) -> float:
-    return sum(size.timesteps.values())
-
-
-def _sum_costs(costs: Sequence[StageCost]) -> StageCost:
-    return StageCost(
-        stage="together",
-        artifacts=sum(cost.artifacts for cost in costs),
-        seconds=sum(cost.seconds for cost in costs),
-        megabytes=sum(cost.megabytes for cost in costs),
-    )
 
 
 def _duration(seconds: float) -> str:

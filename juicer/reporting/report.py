@@ -36,11 +36,10 @@ def gather(
 ) -> ReportData:
     """Everything the page shows; what is told beside the rates is told of the evaluations without a shift."""
     results = condition_results(store, evaluations, rows)
-    shifted = [ref for ref, row in zip(evaluations, rows, strict=True) if row.shift]
     evaluations = [ref for ref, row in zip(evaluations, rows, strict=True) if not row.shift]
     rows = [row for row in rows if not row.shift]
     named = {row.condition for row in rows}
-    sources = Sources(store, evaluations, rows, shifted)
+    sources = Sources(store, evaluations, rows)
     curves = tuple(sources.curves())
     return ReportData(
         title=title,
@@ -54,13 +53,11 @@ def gather(
         curves=curves,
         augmentations=tuple(sources.augmentations()),
         estimators=tuple(sources.estimators()),
-        datasets=tuple(sources.datasets()),
         analyses=analyses,
         videos=videos,
         models=tuple(sources.models()),
         lineage=tuple(sources.lineage(evaluations)),
         provenance=_provenance(sources, title, configuration or {}, links or {}),
-        costs=tuple(sources.costs()),
         next_steps=tuple(_next_steps(evaluations, title)),
     )
 

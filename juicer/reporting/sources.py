@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from statistics import fmean
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -17,13 +16,11 @@ from juicer.evaluation import milestone_counts
 from juicer.reporting.comparison import ReportRow
 from juicer.reporting.content import (
     AugmentationYield,
-    DatasetSize,
     EstimatorErrors,
     EvaluatedEpisode,
     EvaluatedModel,
     Funnel,
     LineageNode,
-    StageCost,
     TrainingCurve,
 )
 from juicer.reporting.lineage import ancestors_of, checkpoint_of, nodes_of, read_lineage
@@ -41,20 +38,13 @@ class Sources:
         problems: What could not be read, a sentence each; grows while the rest is read.
     """
 
-    def __init__(
-        self,
-        store: ArtifactStore,
-        evaluations: Sequence[ArtifactRef],
-        rows: Sequence[ReportRow],
-        shifted: Sequence[ArtifactRef] = (),
-    ) -> None:
+    def __init__(self, store: ArtifactStore, evaluations: Sequence[ArtifactRef], rows: Sequence[ReportRow]) -> None:
         """Read the tables and every manifest.
 
         Args:
             store: Where they are kept.
             evaluations: What is told of.
             rows: Whose they are.
-            shifted: Evaluations under shifts, whose cost counts.
 
         Raises:
             ArtifactError: If an evaluation itself is missing or damaged.
@@ -63,7 +53,7 @@ class Sources:
         self._rows = rows
         self._refs = list(evaluations)
         self._tables = {ref: read_evaluation(store.open(ref, "evaluation")) for ref in dict.fromkeys(evaluations)}
-        self._known = read_lineage(store, [*evaluations, *shifted])
+        self._known = read_lineage(store, evaluations)
         self._evaluations = [store.manifest(ref) for ref in evaluations]
         self.problems: list[str] = [
             f"{ref} is no longer there or damaged; what it tells is missing here"
@@ -157,30 +147,6 @@ class Sources:
             views = ", ".join(manifest.recipe.config["encoder"]["estimator"]["views"])
             yield EstimatorErrors(f"{self._task_of(manifest)}: {views} ({manifest.ref.id[:6]})", errors)
 
-    def datasets(self) -> Iterator[DatasetSize]:
-        """What the evaluated models of every condition were trained on, as far as their checkpoints are known."""
-        for condition, manifests in self._by_condition():
-            checkpoints = [self._known.get(ref) for ref in map(checkpoint_of, manifests) if ref]
-            summaries = [checkpoint.summary for checkpoint in checkpoints if checkpoint]
-            if summaries:
-                # A policy that only replays cuts no windows.
-                episodes, timesteps, unused = (
-                    _average([summary.get(name, {}) for summary in summaries])
-                    for name in ("episodes", "timesteps", "unused_timesteps")
-                )
-                yield DatasetSize(condition, episodes, timesteps, unused)
-
-    def costs(self) -> Iterator[StageCost]:
-        """What each stage cost, whenever it was computed."""
-        for name in dict.fromkeys(manifest.recipe.stage for manifest in self._known.values() if manifest):
-            manifests = self._of_stage(name)
-            yield StageCost(
-                stage=name,
-                artifacts=len(manifests),
-                seconds=sum(manifest.seconds for manifest in manifests),
-                megabytes=sum(entry.bytes for manifest in manifests for entry in manifest.files) / 1e6,
-            )
-
     def behind(self, refs: Sequence[ArtifactRef]) -> list[Manifest]:
         """Manifests of some of the evaluations and of everything that they were made from, parents first."""
         return [manifest for ref in ancestors_of(self._known, refs) if (manifest := self._known[ref])]
@@ -252,8 +218,3 @@ def _counted(values: Iterable[str]) -> str:
     if len(counts) == 1:
         return next(iter(counts))
     return "; ".join(f"{value} ({count})" for value, count in counts.most_common())
-
-
-def _average(counts: Sequence[Mapping[str, int]]) -> dict[str, float]:
-    names = dict.fromkeys(name for entry in counts for name in entry)
-    return {name: fmean(entry.get(name, 0) for entry in counts) for name in names}

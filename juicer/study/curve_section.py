@@ -67,7 +67,8 @@ def _sentences(study: TaskStudy, curve: Curve, found: Points, fit: Saturation | 
         low, high = fit.enough_interval
         yield (
             f"The fitted curve tends to {percent(fit.top)} ({interval_text(fit.top_interval)}) and comes within a "
-            f"twentieth of it at {rounded(fit.enough)} ({rounded(low)} to {rounded(high)})."
+            f"twentieth of it at {rounded(fit.enough)} ({rounded(low)} to {rounded(high)})"
+            + ("." if fit.is_seen else ", which lies outside the points.")
         )
 
 

@@ -113,11 +113,16 @@ class Saturation:
     middle: NDArray[np.float64]
     high: NDArray[np.float64]
 
+    @property
+    def is_seen(self) -> bool:
+        """Whether the curve saturates between its points, and not where nothing was measured."""
+        return bool(self.x[0] <= self.enough <= self.x[-1])
+
 
 def fit_saturation(x: Sequence[float], results: Sequence[ConditionResult]) -> Saturation | None:
     """Fit the curve by least squares, each point counting by its interval; None if there are too few points.
 
-    Intervals come from fitting it again to models and episodes that are drawn anew.
+    Intervals come from fitting it again to models and rates that are drawn anew.
     """
     if len(set(x)) < LEAST_FITTED or min(x) < 0:
         return None
@@ -162,11 +167,14 @@ def _fit(x: NDArray[np.float64], rates: NDArray[np.float64], widths: NDArray[np.
 
 
 def _drawn(result: ConditionResult, rng: np.random.Generator) -> float:
-    """Average of models drawn from those of a condition, and of episodes drawn from theirs."""
-    rates = np.array([model.rate for model in result.models])
-    sizes = np.array([len(model.successes) for model in result.models])
-    models = rng.integers(len(rates), size=len(rates))
-    return float(np.mean(rng.binomial(sizes[models], rates[models]) / sizes[models]))
+    """Average of models drawn from those of a condition, each with a rate that its episodes leave possible.
+
+    Rates come from the posterior under Jeffreys' prior: episodes drawn anew would always repeat a rate of 0 or 1.
+    """
+    successes = np.array([sum(model.successes) for model in result.models])
+    failures = np.array([len(model.successes) for model in result.models]) - successes
+    models = rng.integers(len(successes), size=len(successes))
+    return float(np.mean(rng.beta(successes[models] + 0.5, failures[models] + 0.5)))
 
 
 def _pair(values: NDArray[np.float64]) -> Interval:

@@ -14,8 +14,8 @@ from juicer.reporting.comparison import ReportRow, condition_results
 from juicer.reporting.sources import Sources
 from juicer.study.curves import Curve
 
-_OF_THE_POLICY = ("episodes", "first", "max_steps", "seed", "inference_steps", "samples", "anytime")
-"""Settings of an evaluation that leave alone what an initial state of a number is."""
+_OF_THE_POLICY = ("episodes", "seed", "inference_steps", "samples", "anytime")
+"""Settings of an evaluation that leave alone what an initial state of a number is, and how long a policy may take."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,8 @@ class Measured:
     Attributes:
         result: The result.
         setting: What the condition changes in the configuration, in words; empty if nothing.
-        states: Where its episodes start, as text: only where this is the same are initial states of a number the same.
+        states: Where its episodes start and how long they may take, as text: only where this is the same are episodes
+            of a number to be compared.
         evaluations: Manifests of its models' evaluations.
     """
 
@@ -57,8 +58,34 @@ class TaskStudy:
         return found.result if found else None
 
     def are_paired(self, first: ConditionResult, second: ConditionResult) -> bool:
-        """Whether initial states of a number are the same for two conditions."""
+        """Whether episodes of a number start from the same state and may take as long for two conditions."""
         return self.measured[first.condition].states == self.measured[second.condition].states
+
+    @property
+    def base(self) -> str:
+        """What conditions that change nothing have in common, e.g. ``50 demonstrations, randomness low``."""
+        plain = [each for measured in self.measured.values() if not measured.setting for each in measured.evaluations]
+        if not plain:
+            return ""
+        sizes = dict.fromkeys(
+            f"{each.summary['episodes']} demonstrations"
+            for each in self.sources.behind([each.ref for each in plain])
+            if each.recipe.stage == "ingest" and each.recipe.config["task"] == self.task
+        )
+        levels = dict.fromkeys(
+            f"randomness {level}" for each in plain if (level := each.recipe.config.get("randomness"))
+        )
+        return ", ".join((*sizes, *levels))
+
+    @property
+    def behind(self) -> list[Manifest]:
+        """Everything that the results were made of, each artifact once, parents first."""
+        return self.sources.behind([each.ref for measured in self.measured.values() for each in measured.evaluations])
+
+    def behind_models(self, measured: Measured) -> list[Sequence[Manifest]]:
+        """What each model of a condition and its usual evaluation were made of, as far as it is known."""
+        usual = [each for each in measured.evaluations if not each.recipe.config.get("shift")]
+        return [self.sources.behind([each.ref]) for each in usual]
 
     @property
     def groups(self) -> dict[str, list[Measured]]:

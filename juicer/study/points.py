@@ -27,11 +27,16 @@ def fit_of(curve: Curve, found: Points) -> Saturation | None:
 
 
 def rivals(study: TaskStudy, found: Points) -> tuple[tuple[float, ConditionResult], Points]:
-    """The best point, and those that cannot be told apart from it, all tested against it together."""
+    """The best point, and those that are not known to be worse, all tested against it together.
+
+    What cannot be paired with it, for it starts from other states or has other seeds, is not known to be worse either.
+    """
     x, best = max(found, key=lambda point: point[1].average)
-    others = [(place, result) for place, result in found if result is not best and study.are_paired(result, best)]
-    worse = {each.second.condition for each in against(best, [result for _, result in others]) if each.is_clear}
-    return (x, best), [(place, result) for place, result in others if result.condition not in worse]
+    paired = [result for _, result in found if result is not best and study.are_paired(result, best)]
+    tested = against(best, paired)
+    worse = {each.second.condition for each in tested if each.is_clear and each.test.difference < 0}
+    others = [point for point in found if point[1] is not best and point[1].condition not in worse]
+    return (x, best), others
 
 
 def rounded(number: float) -> str:

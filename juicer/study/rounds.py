@@ -1,124 +1,80 @@
-"""Section on what models cost a human, and on how good their predecessors of every round were."""
+"""Section on how good the models of every round were."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import zip_longest
+from collections.abc import Iterable, Sequence
 from statistics import fmean
-from typing import TypeVar
 
 from juicer.artifacts.manifest import Manifest
 from juicer.evaluation import hierarchical_interval
 from juicer.reporting.section import Section, Table
 from juicer.seeding import stream
-from juicer.sim.env import STEP_S
 from juicer.study.material import Measured, TaskStudy
 from juicer.study.success import interval_text, percent
 
-_Item = TypeVar("_Item")
-
-LABEL_S = 12.0
-"""Human seconds a critical state takes to be labelled: the paper's ten minutes for the fifty of one_leg."""
-
-MINUTES_OF: Mapping[str, str] = {"ingest": "demonstrations", "annotate": "labels", "correct": "corrections"}
-"""What a human spends time on, by the stage that brings it in."""
+Start = tuple[str, int]
+"""A task, and the first of the initial states that a round collects from: a later round's come later."""
+Tried = dict[Start, tuple[int, int]]
+"""Successes and episodes of a model's rollouts."""
 
 
 def rounds_section(studies: Sequence[TaskStudy]) -> Section | None:
-    """Rate of every round, human minutes, and points of success a minute."""
-    tables = tuple(_table(study) for study in studies if study.measured)
+    """Rate of every round, for the conditions that have some."""
+    tables = tuple(table for study in studies if (table := _table(study)).rows)
     if not tables:
         return None
     return Section(
         "rounds",
         "Rounds",
-        "What each round brought, and what it cost a human",
-        f"Minutes of one model: recorded time of demonstrations and corrections, and {LABEL_S:.0f} s a critical state "
-        "for labels, as the paper's annotators needed. A round's rate is that of the model that collects in it, in its "
-        "own rollouts, whose initial states are new to it.",
+        "How good the models of every round were",
+        "A round's rate is that of the model that collects in it, in its own rollouts, whose initial states are new to "
+        "it. A model from whose rollouts of a round nothing was learned, for instance as none succeeded, is missing "
+        "there: the rate is that of the others, whose number is told, and probably higher than that of all.",
         tables,
     )
 
 
 def _table(study: TaskStudy) -> Table:
-    rounds = {name: _rounds_of(study, each) for name, each in study.measured.items()}
-    number = max(map(len, rounds.values()))
-    columns = (
-        "condition",
-        *(f"round {turn + 1}" for turn in range(number)),
-        "evaluated",
-        *(f"{name}, min" for name in MINUTES_OF.values()),
-        "together, min",
-        "points a minute",
+    rounds = {name: cells for name, each in study.measured.items() if (cells := _rounds_of(study, each))}
+    number = max(map(len, rounds.values()), default=0)
+    rows = tuple(
+        (
+            study.measured[name].result.title,
+            *cells,
+            *["-"] * (number - len(cells)),
+            percent(study.measured[name].result.average),
+        )
+        for name, cells in rounds.items()
     )
-    rows = tuple(_row(study, each, [*rounds[name], *[""] * (number - len(rounds[name]))])
-                 for name, each in study.measured.items())  # fmt: skip
-    return Table(columns, rows, study.task)
-
-
-def _row(study: TaskStudy, measured: Measured, rounds: Sequence[str]) -> tuple[str, ...]:
-    models = [_minutes(made_of) for made_of in _made_of(study, measured)]
-    minutes = {name: fmean(each[name] for each in models) for name in MINUTES_OF.values()}
-    together, rate = sum(minutes.values()), measured.result.average
-    return (
-        measured.result.title,
-        *(told or "-" for told in rounds),
-        percent(rate),
-        *(f"{each:.1f}" for each in minutes.values()),
-        f"{together:.1f}",
-        f"{100 * rate / together:.1f}" if together else "-",
-    )
-
-
-def _made_of(study: TaskStudy, measured: Measured) -> list[Sequence[Manifest]]:
-    """All that each model's evaluation was made of, as far as it is known."""
-    usual = [each for each in measured.evaluations if not each.recipe.config.get("shift")]
-    return [study.sources.behind([each.ref]) for each in usual]
-
-
-def _minutes(made_of: Iterable[Manifest]) -> dict[str, float]:
-    spent = dict.fromkeys(MINUTES_OF.values(), 0.0)
-    for manifest in made_of:
-        if name := MINUTES_OF.get(manifest.recipe.stage):
-            spent[name] += _seconds(manifest) / 60
-    return spent
-
-
-def _seconds(manifest: Manifest) -> float:
-    summary = manifest.summary
-    if manifest.recipe.stage == "ingest":
-        return STEP_S * (int(summary["steps"]) + int(summary["idle_steps_dropped"]))
-    if manifest.recipe.stage == "annotate":
-        return LABEL_S * int(summary["critical_states"])
-    return STEP_S * int(summary["human_steps"])
+    return Table(("condition", *(f"round {turn + 1}" for turn in range(number)), "evaluated"), rows, study.task)
 
 
 def _rounds_of(study: TaskStudy, measured: Measured) -> list[str]:
-    """Average rate of each turn of collect, select, train, with its interval."""
-    models = [list(_turns(made_of)) for made_of in _made_of(study, measured)]
-    return [_rate(turn) for turn in _transposed(models)]
+    """Average rate of each round in which some model collected, with its interval."""
+    models = [_tried(made_of) for made_of in study.behind_models(measured)]
+    starts: defaultdict[str, set[int]] = defaultdict(set)
+    for task, first in (start for model in models for start in model):
+        starts[task].add(first)
+    number = max(map(len, starts.values()), default=0)
+    turns = [{(task, sorted(all_of)[turn]) for task, all_of in starts.items() if turn < len(all_of)}
+             for turn in range(number)]  # fmt: skip
+    return [_rate(turn, models) for turn in turns]
 
 
-def _turns(made_of: Iterable[Manifest]) -> Iterator[tuple[int, int]]:
-    """Successes and episodes of each turn, of all tasks together."""
-    by_task: defaultdict[str, list[Manifest]] = defaultdict(list)
-    for manifest in made_of:
-        if manifest.recipe.stage == "collect":
-            by_task[manifest.recipe.config["task"]].append(manifest)
-    # Every turn starts from later initial states than the one before.
-    turns = [sorted(each, key=lambda manifest: manifest.recipe.config["first"]) for each in by_task.values()]
-    for turn in _transposed(turns):
-        yield sum(each.summary["successes"] for each in turn), sum(each.summary["episodes"] for each in turn)
+def _tried(made_of: Iterable[Manifest]) -> Tried:
+    return {
+        (each.recipe.config["task"], each.recipe.config["first"]): (each.summary["successes"], each.summary["episodes"])
+        for each in made_of
+        if each.recipe.stage == "collect"
+    }
 
 
-def _rate(turn: Sequence[tuple[int, int]]) -> str:
-    successes, episodes = zip(*turn, strict=True)
+def _rate(turn: set[Start], models: Sequence[Tried]) -> str:
+    """Of the models that are known to have collected in a round, of all tasks together."""
+    found = [[model[start] for start in turn if start in model] for model in models]
+    summed = [tuple(map(sum, zip(*each, strict=True))) for each in found if each]
+    successes, episodes = zip(*summed, strict=True)
     interval = hierarchical_interval(successes, episodes, stream(0, "hierarchical interval"))
-    return f"{percent(fmean(won / tried for won, tried in turn))} ({interval_text(interval)})"
-
-
-def _transposed(rows: Sequence[Sequence[_Item]]) -> Iterator[list[_Item]]:
-    """First items of all rows, then second ones, and so on; rows may differ in length."""
-    for items in zip_longest(*rows):
-        yield [item for item in items if item is not None]
+    told = f"{percent(fmean(won / tried for won, tried in summed))} ({interval_text(interval)})"
+    return told if len(summed) == len(models) else f"{told}, {len(summed)} of {len(models)} models"

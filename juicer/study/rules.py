@@ -40,14 +40,21 @@ class Rule(Protocol):
 
 @dataclass(frozen=True)
 class Better:
-    """One condition succeeds more often than another: their paired test says so, and none the other way."""
+    """One condition succeeds more often than another: their paired test says so, and none the other way.
+
+    Attributes:
+        better: The one.
+        than: The other.
+        settings: Whether the statement is about what the two change in the configuration, and not about their methods.
+    """
 
     better: str
     than: str
+    settings: bool = False
 
     def judge(self, study: TaskStudy) -> Verdict:
         """What the paired test says."""
-        if missing := _missing(study, self.better, self.than):
+        if missing := _missing(study, self.better, self.than, settings=self.settings):
             return Verdict(Ruling.UNTESTED, missing)
         first, second = study.measured[self.than].result, study.measured[self.better].result
         for found in against(first, [second]):
@@ -129,11 +136,10 @@ class Saturates:
         if fit is None:
             return Verdict(Ruling.UNTESTED, f"curve {self.curve} has no results, or too few to fit")
         low, high = fit.enough_interval
-        ruling = Ruling.HOLDS if high <= self.by else Ruling.FAILS if low > self.by else Ruling.OPEN
-        return Verdict(
-            ruling,
-            f"95% of a plateau of {percent(fit.top)} at {rounded(fit.enough)} ({rounded(low)} to {rounded(high)})",
-        )
+        told = f"95% of a plateau of {percent(fit.top)} at {rounded(fit.enough)} ({rounded(low)} to {rounded(high)})"
+        if not fit.is_seen:
+            return Verdict(Ruling.OPEN, f"{told}, which lies outside the points")
+        return Verdict(Ruling.HOLDS if high <= self.by else Ruling.FAILS if low > self.by else Ruling.OPEN, told)
 
 
 @dataclass(frozen=True)
@@ -175,12 +181,18 @@ def _ruling(found: Difference) -> Ruling:
     return Ruling.HOLDS if found.test.difference > 0 else Ruling.FAILS
 
 
-def _missing(study: TaskStudy, *conditions: str) -> str:
-    """Why some conditions cannot be compared; empty if they can."""
+def _missing(study: TaskStudy, *conditions: str, settings: bool = False) -> str:
+    """Why some conditions cannot be compared, whose settings may differ or not; empty if they can."""
     if missing := [name for name in conditions if name not in study.measured]:
         return f"no result of {', '.join(missing)}"
-    first, *others = (study.measured[name].result for name in conditions)
-    return "" if all(study.are_paired(first, other) for other in others) else "they start from different states"
+    compared = [study.measured[name] for name in conditions]
+    if not settings and len({each.setting for each in compared}) > 1:
+        told = "; ".join(f"{each.result.title}: {each.setting}" for each in compared if each.setting)
+        return f"they differ in more than their methods ({told})"
+    first, *others = (each.result for each in compared)
+    if all(study.are_paired(first, other) for other in others):
+        return ""
+    return "their episodes start from different states, or may take longer"
 
 
 def _curve(study: TaskStudy, name: str) -> Curve | None:

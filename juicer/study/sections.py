@@ -6,8 +6,10 @@ from collections.abc import Callable, Sequence
 
 from juicer.reporting.section import Section
 from juicer.study.claims import claims_section
+from juicer.study.cost import cost_section
 from juicer.study.curve_section import curve_section
-from juicer.study.effort import cost_section, data_section, effort_section
+from juicer.study.effort import effort_section
+from juicer.study.learned import learned_section
 from juicer.study.material import TaskStudy
 from juicer.study.robustness import robustness_section
 from juicer.study.rounds import rounds_section
@@ -21,7 +23,7 @@ BESIDE_RATES: tuple[Builder, ...] = (
     claims_section,
     rounds_section,
     effort_section,
-    data_section,
+    learned_section,
     cost_section,
 )
 """What is told beside success rates, which a run's report has a table of its own for."""

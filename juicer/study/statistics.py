@@ -89,11 +89,16 @@ def holm(p_values: Sequence[float]) -> list[float]:
 def difference_interval(first: ConditionResult, second: ConditionResult, level: float = 0.95) -> Interval:
     """Interval of the second's average minus the first's, over the seeds that both have and the episodes of each.
 
-    A bootstrap that draws pairs of models, then pairs of episodes of each, of which one model has both.
+    A bootstrap that draws pairs of models, then pairs of episodes of each. Where one of a pair was evaluated longer,
+    its further episodes are not compared, as in :func:`~juicer.evaluation.compare`.
     """
-    seconds = {model.seed: np.asarray(model.successes, int) for model in second.models}
-    signs = [seconds[model.seed] - np.asarray(model.successes, int) for model in first.models if model.seed in seconds]
-    counts = np.array([[np.sum(each == sign) for sign in (1, -1, 0)] for each in signs])
+    seconds = {model.seed: model.successes for model in second.models}
+    signs = [
+        [later - earlier for earlier, later in zip(model.successes, seconds[model.seed], strict=False)]
+        for model in first.models
+        if model.seed in seconds
+    ]
+    counts = np.array([[each.count(sign) for sign in (1, -1, 0)] for each in signs])
     sizes = counts.sum(axis=1)
     rng = stream(0, "difference interval")
     models = rng.integers(len(counts), size=(DRAWS, len(counts)))

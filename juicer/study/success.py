@@ -25,7 +25,8 @@ def success_section(studies: Sequence[TaskStudy]) -> Section | None:
         "How often each policy succeeds",
         "Averages over models, with 95 % intervals over models and episodes; best is the best single model. Every "
         "model starts from the same initial states, which no training, collection or choice of a model has seen. The "
-        "paper's figures (Tables VI and VII, average and best of five) are of another simulator, from images.",
+        "paper's figures (Tables VI and VII, average and best of five) are of another simulator, from images, with 50 "
+        "demonstrations at low randomness.",
         (*_overview(studies), *tables),
     )
 
@@ -68,7 +69,7 @@ def _rates(study: TaskStudy) -> Iterator[Table]:
         if len(group) > 1 or len(study.groups) == 1:
             columns = ("condition", "average", "95% interval", "best", "models", "episodes", "paper, average / best")
             rows = tuple(_row(study.task, each) for each in group)
-            yield Table(columns, rows, f"{study.task}{under(setting)}")
+            yield Table(columns, rows, f"{study.task}{under(setting)}", "" if setting else study.base)
 
 
 def _row(task: str, measured: Measured) -> tuple[str, ...]:

@@ -174,9 +174,13 @@ def test_the_report_draws_the_curve_and_tests_conditions_that_change_alike(finis
     folder = store.open(outcome.report)
     page = (folder / PAGE).read_text()
     assert (folder / "one_leg_steps.png").read_bytes().startswith(b"\x89PNG")
-    for anchor in ("curves", "effort", "learned", "price"):
+    for anchor in ("curves", "effort", "learned", "cost"):
         assert f'<section id="{anchor}">' in page
         assert f'href="#{anchor}"' in page
+    # What is told at all is told once.
+    anchors = re.findall(r'<section id="([^"]+)"', page)
+    assert len(anchors) == len(set(anchors))
+    assert not {"data", "price"} & set(anchors)
     # Each of the others changes something, so nothing is left to be tested.
     assert '<section id="differences">' not in page
 
@@ -204,7 +208,7 @@ def test_the_page_of_a_study_is_written_from_what_is_there(finished, tmp_path, c
     assert (told["evaluated"], told["models"]) == (4, 7)
     text = page.read_text()
     assert "| models evaluated | 4 of 7 |" in text
-    assert "## What each number cost" in text
+    assert "## What it cost to compute" in text
     assert "![one\\_leg: Success over steps](study/one_leg_steps.png)" in text
     assert call(["report", str(folder / "sweep.yaml"), "--output", "/proc/none/study.md"]) == 1
     assert "cannot be written" in capsys.readouterr().err

@@ -12,7 +12,6 @@ import pytest
 from juicer.evaluation import ModelResult, summarise
 from juicer.reporting.content import (
     AugmentationYield,
-    DatasetSize,
     EpisodeVideo,
     EstimatorErrors,
     EvaluatedEpisode,
@@ -23,7 +22,6 @@ from juicer.reporting.content import (
     NextStep,
     Provenance,
     ReportData,
-    StageCost,
     TrainingCurve,
 )
 from juicer.reporting.paper import PAPER_TABLE_VI
@@ -152,14 +150,6 @@ def report_data() -> ReportData:
             ),
         ),
         estimators=(EstimatorErrors("one_leg", {"insert leg": (0.94, 1.3)}),),
-        datasets=(
-            DatasetSize("BC", {"teleop": 50}, {"teleop": 28_900}),
-            DatasetSize(
-                "TA+CI",
-                {"teleop": 50, "rollout": 83, "augmentation": 150},
-                {"teleop": 28_900, "rollout": 44_120, "augmentation": 8_250},
-            ),
-        ),
         videos=(video("A success"), video("A typical failure")),
         models=(evaluated("BC", 0, 0.52), evaluated("TA+CI", 0, 0.92)),
         lineage=lineage(),
@@ -169,12 +159,6 @@ def report_data() -> ReportData:
             file_name="one_leg.yaml",
             commands=("git checkout 2b0e8fd4b356c8be3a411328cb7838f5ec18956c", "juicer run one_leg.yaml"),
             links={"MLflow": "https://mlflow.example.org/#/experiments"},
-        ),
-        costs=(
-            StageCost("ingest", 1, 4.2, 18.5),
-            StageCost("augment", 1, 61.0, 12.1),
-            StageCost("train", 3, 1260.0, 14.9),
-            StageCost("evaluate", 2, 181.0, 0.1),
         ),
         next_steps=(
             NextStep("Watch a rollout", "juicer replay episodes/f1b2c3d4 --episode 4 --video rollout.mp4"),

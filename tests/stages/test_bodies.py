@@ -48,6 +48,7 @@ from juicer.storage.curves import read_curves
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.storage.evaluations import read_evaluation, write_evaluation
 from juicer.storage.selections import read_selection
+from juicer.study.effort import effort_section
 from juicer.study.material import task_study
 from juicer.study.rounds import rounds_section
 from juicer.study.sections import sections
@@ -302,20 +303,24 @@ def test_a_policy_learns_from_corrections_and_the_report_counts_the_human_minute
     assert summary(loop, checkpoint)["episodes"] == {"teleop": 2, "augmentation": 2, "correction": 1}
     evaluation = evaluate(loop.session, checkpoint=checkpoint, config=EVALUATE)
     rows = (ReportRow(condition="dagger", title="DAgger", seed=0),)
-    section = rounds_section([task_study(loop.store, "one_leg", [evaluation], rows)])
-    (table,) = section.tables
-    told = dict(zip(table.columns, table.rows[0], strict=True))
-    demonstrated = summary(loop, loop.demonstrations)
+    study = task_study(loop.store, "one_leg", [evaluation], rows)
+    effort, rounds = sections([study], (effort_section, rounds_section))
+    of_demonstrations, by_condition = effort.tables
+    told = dict(zip(by_condition.columns, by_condition.rows[0], strict=True))
     minutes = {
-        "demonstrations": (demonstrated["steps"] + demonstrated["idle_steps_dropped"]) / 600,
+        "demonstrations": summary(loop, loop.demonstrations)["operator_minutes"],
         "labels": 2 * 12 / 60,
         "corrections": summary(loop, corrections)["human_steps"] / 600,
     }
     for name, spent in minutes.items():
         assert told[f"{name}, min"] == f"{spent:.1f}"
     assert told["together, min"] == f"{sum(minutes.values()):.1f}"
-    assert told["round 1"].startswith("0% (0% to ")
-    assert (told["evaluated"], told["points a minute"]) == ("0%", "0.0")
+    assert told["points a minute"] == "0.0"
+    assert of_demonstrations.rows[0][5] == told["demonstrations, min"]
+    (row,) = rounds.tables[0].rows
+    assert row[0] == "DAgger"
+    assert row[1].startswith("0% (0% to ")
+    assert row[2] == "0%"
 
 
 def test_where_no_rollout_failed_nothing_is_corrected(loop):
@@ -727,7 +732,8 @@ def test_a_report_shows_a_column_for_each_shift_and_counts_its_cost(loop):
     assert result.num_episodes == 3
     assert result.shifted["slippery"].num_episodes == 3
     assert result.shifted["light"] is None
-    assert {cost.stage: cost.artifacts for cost in data.costs}["evaluate"] == 2
+    (by_stage,) = (table for section in data.sections for table in section.tables if table.columns[0] == "stage")
+    assert {row[0]: row[1] for row in by_stage.rows}["evaluate"] == "2"
     assert len(data.models) == 1
     page = render_page(data)
     assert "<th>slippery</th><th>light</th>" in page

@@ -1,17 +1,24 @@
-"""Results of conditions that never ran."""
+"""Results of conditions that never ran, and artifacts that no stage has made."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import cast
+from pathlib import Path
+from typing import Any, cast
 
 import pytest
 
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.episode import Outcome
 from juicer.evaluation import ConditionResult, ModelResult, summarise
+from juicer.reporting.comparison import ReportRow
 from juicer.reporting.sources import Sources
 from juicer.seeding import stream
+from juicer.storage.evaluations import EvaluationRow, write_evaluation
 from juicer.study.curves import Curve
-from juicer.study.material import Measured, TaskStudy
+from juicer.study.material import Measured, TaskStudy, task_study
 
 Results = Callable[..., ConditionResult]
 
@@ -46,3 +53,41 @@ def result() -> Results:
 def study() -> Callable[..., TaskStudy]:
     """A study made of results."""
     return make_study
+
+
+class Made:
+    """A store that is filled by hand, and the evaluations of a study of one_leg in it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.store = ArtifactStore(folder)
+        self._evaluations: list[ArtifactRef] = []
+        self._rows: list[ReportRow] = []
+
+    def artifact(self, stage: str, kind: str, *, summary: dict[str, Any] | None = None, **recipe: Any) -> ArtifactRef:
+        """An artifact of which only its manifest counts."""
+        made = Recipe(stage, kind, **recipe)
+        with self.store.create(made) as draft:
+            draft.summary |= summary or {}
+        return made.ref
+
+    def evaluation(self, condition: str, checkpoint: ArtifactRef, *, seed: int = 0, **settings: Any) -> None:
+        """Of a success and a failure."""
+        config = {"task": "one_leg", "seed": seed} | settings
+        recipe = Recipe("evaluate", "evaluation", inputs={"checkpoint": (checkpoint,)}, config=config)
+        with self.store.create(recipe) as draft:
+            ends = enumerate((Outcome.SUCCESS, Outcome.TIMEOUT))
+            rows = [EvaluationRow(number, number, outcome, 0, 9) for number, outcome in ends]
+            write_evaluation(draft.path, rows)
+        self._evaluations.append(recipe.ref)
+        self._rows.append(ReportRow(condition=condition, title=condition.upper(), seed=seed))
+
+    @property
+    def study(self) -> TaskStudy:
+        """What is known of the evaluations."""
+        return task_study(self.store, "one_leg", self._evaluations, self._rows)
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> Made:
+    """An empty store."""
+    return Made(tmp_path / "store")

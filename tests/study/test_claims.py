@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from flows.conditions import defaults
@@ -9,6 +11,7 @@ from flows.runs import load_runs
 from juicer.study.claims import CLAIMS, claims_section
 from juicer.study.curves import Curve
 from juicer.study.rules import AtMost, Best, BestWithin, Better, ModelsDiffer, Ruling, Saturates
+from juicer.study.success import success_section
 
 
 def share_curve(**points):
@@ -35,6 +38,39 @@ def test_conditions_from_other_initial_states_are_not_compared(study, result):
     tried = study(result("bc", 0.2), result("ta", 0.9), settings={"ta": "randomness med"})
     assert Better("ta", "bc").judge(tried).ruling is Ruling.UNTESTED
     assert Best("ta", ("bc",)).judge(tried).ruling is Ruling.UNTESTED
+
+
+def test_what_differs_in_more_than_its_method_is_compared_only_by_a_statement_about_that(study, result):
+    many = study(result("bc", 0.2), result("ta", 0.9))
+    many.measured["ta"] = replace(many.measured["ta"], setting="record.demonstrations 500")
+    verdict = Better("ta", "bc").judge(many)
+    assert verdict.ruling is Ruling.UNTESTED
+    assert verdict.reason == "they differ in more than their methods (TA: record.demonstrations 500)"
+    assert Best("ta", ("bc",)).judge(many).ruling is Ruling.UNTESTED
+    assert Better("ta", "bc", settings=True).judge(many).ruling is Ruling.HOLDS
+
+
+def test_what_conditions_are_based_on_is_told_beside_the_papers(made):
+    config = {"task": "one_leg", "randomness": "med"}
+    data = made.artifact("ingest", "episodes", config=config, summary={"episodes": 10})
+    for name in ("bc", "ta"):
+        checkpoint = made.artifact("train", "checkpoint", inputs={"episodes": (data,)}, config={"name": name})
+        made.evaluation(name, checkpoint, randomness="med")
+    claims, rates = claims_section([made.study]), success_section([made.study])
+    assert claims.note.endswith(
+        "of 50 demonstrations at low randomness; what changes nothing here is of one_leg 10 demonstrations, "
+        "randomness med."
+    )
+    assert rates.tables[0].note == "10 demonstrations, randomness med"
+
+
+@pytest.mark.parametrize("changed", [{"first": 100}, {"max_steps": 5}])
+def test_episodes_of_other_states_or_of_another_length_are_not_compared(made, changed):
+    for name, settings in (("bc", {}), ("ta", changed)):
+        made.evaluation(name, made.artifact("train", "checkpoint", config={"name": name}), **settings)
+    verdict = Better("ta", "bc", settings=True).judge(made.study)
+    assert verdict.ruling is Ruling.UNTESTED
+    assert verdict.reason == "their episodes start from different states, or may take longer"
 
 
 def test_what_has_no_result_is_not_tested_and_the_missing_condition_is_named(study, result):
@@ -71,6 +107,15 @@ def test_a_curve_saturates_where_its_fit_says_so(study, result):
     assert Saturates("own_rollouts", 500).judge(tried).ruling is Ruling.HOLDS
     assert Saturates("own_rollouts", 20).judge(tried).ruling is Ruling.FAILS
     assert Saturates("elsewhere", 20).judge(tried).ruling is Ruling.UNTESTED
+
+
+def test_where_a_curve_saturates_outside_its_points_cannot_be_told(study, result):
+    rates = {10: 0.05, 20: 0.1, 40: 0.2, 80: 0.4}
+    curve = Curve(name="own_rollouts", title="O", axis="o", fit="saturating", points={f"own_{x}": x for x in rates})
+    tried = study(*(result(f"own_{x}", rate, rate, episodes=2000) for x, rate in rates.items()), curves=(curve,))
+    verdict = Saturates("own_rollouts", 20).judge(tried)
+    assert verdict.ruling is Ruling.OPEN
+    assert "which lies outside the points" in verdict.reason
 
 
 def test_an_optimum_lies_within_bounds_if_nothing_outside_may_be_as_good(study, result):

@@ -68,6 +68,15 @@ def test_interval_of_a_difference_holds_it_in_nineteen_of_twenty(result):
     assert np.mean(covered) > 0.85
 
 
+def test_episodes_that_only_one_of_two_conditions_has_are_not_compared(result):
+    bc, ta = result("bc", 0.4, 0.5), result("ta", 0.7, 0.8)
+    shorter = tuple(replace(m, initial_states=m.initial_states[:60], successes=m.successes[:60]) for m in bc.models)
+    (found,) = differences([replace(bc, models=shorter), ta])
+    assert found.test.num_pairs == 120
+    low, high = found.interval
+    assert low < found.test.difference < high
+
+
 def test_models_that_differ_by_chance_are_not_said_to_differ(result):
     assert models_differ(result("bc", 0.5, 0.55, 0.48)) > 0.05
     assert models_differ(result("bc", 0.2, 0.5, 0.8)) < 0.001

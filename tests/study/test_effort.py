@@ -1,0 +1,50 @@
+"""A human's minutes are counted one way wherever they are told."""
+
+from __future__ import annotations
+
+import pytest
+
+from juicer.study.effort import effort_section
+
+
+def demonstrated(made, **facts):
+    summary = {"episodes": 2, "steps": 1200, "idle_steps_dropped": 300} | facts
+    return made.artifact("ingest", "episodes", summary=summary, config={"task": "one_leg"}, files={"a": "1", "b": "2"})
+
+
+@pytest.mark.parametrize(
+    ("facts", "minutes"),
+    [
+        # With the recordings that were rejected.
+        ({"operator_minutes": 4.0}, "4.0"),
+        # An earlier juicer's demonstrations do not tell.
+        ({}, "2.5"),
+    ],
+)
+def test_minutes_of_demonstrations_are_the_same_in_both_tables(made, facts, minutes):
+    checkpoint = made.artifact("train", "checkpoint", inputs={"episodes": (demonstrated(made, **facts),)})
+    made.evaluation("bc", checkpoint)
+    section = effort_section([made.study])
+    assert section is not None
+    demonstrations, by_condition = section.tables
+    assert demonstrations.rows[0][5] == minutes
+    assert by_condition.rows[0][:2] == ("BC", minutes)
+
+
+def test_labels_and_corrections_count_and_success_is_divided_by_all(made):
+    logs = demonstrated(made, operator_minutes=4.0)
+    labels = made.artifact(
+        "annotate", "annotations", inputs={"episodes": (logs,)}, summary={"critical_states": 5, "authors": ["ann"]}
+    )
+    corrections = made.artifact("correct", "episodes", summary={"human_steps": 3000})
+    learned = {"episodes": (logs, corrections), "annotations": (labels,)}
+    made.evaluation("dagger", made.artifact("train", "checkpoint", inputs=learned))
+    section = effort_section([made.study])
+    assert section is not None
+    assert section.tables[1].rows == (("DAGGER", "4.0", "1.0", "5.0", "10.0", "5.0"),)
+    assert "Corrections of a round in which none succeeded are not counted" in section.note
+
+
+def test_policies_that_were_shown_nothing_have_no_such_section(made):
+    made.evaluation("elsewhere", made.artifact("train", "checkpoint"))
+    assert effort_section([made.study]) is None
