@@ -262,7 +262,7 @@ def _gain(
     if not findings:
         gained = replace(gained, selections=(*gained.selections, (rollouts, selection)))
     if condition.correct:
-        corrections = correct(session, episodes=rollouts, config=config.correct)
+        corrections = correct(session, episodes=rollouts, config=config.correction)
         if none := _findings(session, corrections):
             findings += none
         else:

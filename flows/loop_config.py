@@ -27,7 +27,7 @@ from juicer.training.config import OriginalStateNoise, PhysicalStateNoise
 from juicer.training.mixing import DatasetConfig
 from stages.augment import AugmentConfig
 from stages.collect import CollectConfig, CollectSection
-from stages.correct import CorrectConfig
+from stages.correct import CorrectConfig, CorrectSection
 from stages.evaluate import EvaluateConfig
 from stages.record import RecordConfig, RecordSection
 from stages.select import SelectConfig
@@ -85,7 +85,7 @@ class LoopConfig(StrictConfig):
     rounds: int = Field(default=1, gt=0, le=MOST_ROUNDS)
     collect: CollectSection = CollectSection()
     select: SelectConfig = SelectConfig()
-    correct: CorrectConfig = CorrectConfig()
+    correct: CorrectSection = CorrectSection()
     evaluate: StoppableSection = StoppableSection()
     analyses: dict[Name, AnyAnalysis] = Field(default={}, max_length=MOST_DEFINITIONS)
     shifts: dict[Name, Shift] = Field(default={}, max_length=MOST_DEFINITIONS)
@@ -157,6 +157,12 @@ class LoopConfig(StrictConfig):
     def ingestion(self) -> IngestionConfig:
         """Which logs become demonstrations."""
         return self._of_stage(self.ingest, IngestionConfig)
+
+    @property
+    def correction(self) -> CorrectConfig:
+        """How many rollouts that failed an operator finishes: the one that records, unless another is asked for."""
+        temperament = self.correct.temperament or self.record.temperament
+        return self._of_stage(self.correct, CorrectConfig, temperament=temperament)
 
     @property
     def evaluation(self) -> EvaluateConfig:

@@ -14,15 +14,26 @@ from juicer.demonstration.correction import Correction, CorrectionConfig
 from juicer.demonstration.correction import correct as correct_rollouts
 from juicer.episode import Episode, Outcome
 from juicer.expert.operator import DEVICE, scripted_operators
+from juicer.expert.steady import Steady
+from juicer.expert.temperament import Temperament
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
 
 
-class CorrectConfig(CorrectionConfig):
+class CorrectSection(CorrectionConfig):
     """When the scripted operator takes over, how often, and with which habits."""
 
     seed: Seed = Field(default=0, description="root of the operator's habits")
+    temperament: Temperament | None = Field(
+        default=None, description="how unlike a machine the operator is; as in the recordings if empty"
+    )
+
+
+class CorrectConfig(CorrectSection):
+    """The same, whoever recorded."""
+
+    temperament: Temperament = Field(default=Steady(), description="how unlike a machine the operator is")
 
 
 @stage(
@@ -39,7 +50,7 @@ def correct(context: StageContext, *, episodes: ArtifactRef, config: CorrectConf
     rollouts.require_state()
     attempts = correct_rollouts(
         rollouts,
-        scripted_operators(config.seed),
+        scripted_operators(config.seed, config.temperament),
         config,
         num_workers=context.machine.workers,
         progress=context.progress,

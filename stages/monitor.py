@@ -103,9 +103,7 @@ def _facts(found: dict[Measure, Watched], config: MonitorConfig) -> dict[str, ob
     place = chosen.before_any_success
     separation = None if place is None else chosen.separation(place)
     if place is None or separation is None:
-        kind = "failure" if failures == 0 else "success"
-        ended = "" if failures in (0, config.episodes) else " that is still running when the first success ends"
-        return {**facts, FINDING: f"there is no {kind}{ended}, so a monitor has nothing to tell apart"}
+        return {**facts, FINDING: f"{chosen.why_not_compared()}, so a monitor has nothing to tell apart"}
     low, high = separation.interval(stream(config.seed, "bootstrap"))
     alarms = chosen.alarms(config.false_alarm_rate)
     lead = median(alarms.leads) if alarms.leads else None

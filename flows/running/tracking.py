@@ -24,9 +24,12 @@ _SHARED_PARAMS = (
     "ingest",
     "annotate",
     "augment",
+    "augment_retraining",
     "dataset",
+    "rounds",
     "collect",
     "select",
+    "correct",
     "evaluate",
     "shifts",
 )
@@ -75,6 +78,7 @@ class Tracking:
             "record": config.recording,
             "ingest": config.ingestion,
             "collect": config.collection(seed=0, round_index=1),
+            "correct": config.correction,
             "evaluate": config.evaluation,
             **({} if method.replay else {"train": config.final_training(method, seed)}),
         }

@@ -61,7 +61,8 @@ class Watched:
     """One measure along the rollouts of a policy.
 
     Attributes:
-        scores: ``(E, S)`` of every episode, at every prediction the highest so far; NaN after the episode's end.
+        scores: ``(E, S)`` of every episode, at every prediction the highest so far; NaN before a window is full, and
+            after the episode's end.
         failed: ``(E,)`` which of them failed.
         lengths: ``(E,)`` steps.
         stride: Steps between predictions.
@@ -81,12 +82,15 @@ class Watched:
         stride: int,
         window: int,
     ) -> Watched:
-        """Watch traces ``(S,)`` of episodes, each number replaced by the mean of the last ones in a window."""
+        """Watch traces ``(S,)`` of episodes, each number replaced by the mean of the last ones in a window.
+
+        There is no score before the window is full: means of fewer numbers spread more, and would decide the highest.
+        """
         scores = np.full((len(traces), max(map(len, traces))), np.nan)
         for row, trace in zip(scores, traces, strict=True):
-            summed = np.concatenate([np.zeros(window), np.cumsum(trace)])
-            smooth = (summed[window:] - summed[:-window]) / np.minimum(np.arange(len(trace)) + 1, window)
-            row[: len(trace)] = np.maximum.accumulate(smooth)
+            summed = np.concatenate([[0.0], np.cumsum(trace)])
+            smooth = (summed[window:] - summed[:-window]) / window
+            row[window - 1 : len(trace)] = np.maximum.accumulate(smooth)
         return cls(scores, np.array(failed), np.array(lengths), stride)
 
     @property
@@ -97,6 +101,18 @@ class Watched:
         """
         successes = self.lengths[~self.failed]
         return (int(successes.min()) - 1) // self.stride if len(successes) else None
+
+    def why_not_compared(self) -> str:
+        """Why failures and successes cannot be compared before a success ends, as a clause; empty if they can be."""
+        place = self.before_any_success
+        if place is None:
+            return "there is no success"
+        if not self.failed.any():
+            return "there is no failure"
+        if np.isnan(self.scores[~self.failed, place]).any():
+            return "the first success ends before a window of predictions is full"
+        lost = np.isnan(self.scores[self.failed, place]).all()
+        return "there is no failure that is still running when the first success ends" if lost else ""
 
     def separation(self, place: int) -> Separation | None:
         """How well the scores up to a prediction tell failures, of the episodes that are running then.
@@ -120,15 +136,19 @@ class Watched:
         """Alarms at the first score above what so large a share of successful rollouts ever exceeds.
 
         The threshold for an episode is taken from successes of the other half of the episodes, so that the share of
-        false alarms is a measurement.
+        false alarms is a measurement. No rollout is watched for longer than the longest success lasts: failures last
+        until the limit, and with more time chance alone would find more of them.
         """
-        last = np.nanmax(self.scores, axis=1)
+        longest = int(self.lengths[~self.failed].max(initial=1))
+        scores = self.scores[:, : -(-longest // self.stride)]
+        # No measure is below zero; an episode that ends before its window is full raises no alarm.
+        highest = np.fmax.reduce(scores, axis=1, initial=0.0)
         halves = np.arange(len(self.failed)) % 2
         steps = np.full(len(self.failed), -1)
         for half in (0, 1):
-            known = last[(halves != half) & ~self.failed]
+            known = highest[(halves != half) & ~self.failed]
             threshold = np.quantile(known, 1 - false_alarm_rate, method="higher") if len(known) else np.inf
-            above = self.scores > threshold
+            above = scores > threshold
             raised = above.any(axis=1) & (halves == half)
             steps[raised] = self.stride * above[raised].argmax(axis=1)
         raised = steps >= 0

@@ -19,6 +19,7 @@ class Draft:
         scratch: Folder that outlives a killed run and is removed at commit, for resuming long work.
         adopted: Another process finished the artifact meanwhile; nothing is to be done, and there is no folder to fill.
         summary: JSON facts for people: counts, rates. NaN and infinities are stored as null.
+        cpu_seconds: CPU time of all processes that were busy with it; None if nobody has measured it.
     """
 
     ref: ArtifactRef
@@ -26,3 +27,9 @@ class Draft:
     scratch: Path
     adopted: bool = False
     summary: dict[str, Any] = field(default_factory=dict)
+    cpu_seconds: float | None = None
+
+    def take_facts(self, other: Draft) -> None:
+        """Take over what another process, which filled the same folder, has to say of it."""
+        self.summary |= other.summary
+        self.cpu_seconds = other.cpu_seconds

@@ -106,7 +106,7 @@ class Manifest:
 
     @property
     def cpu_seconds(self) -> float | None:
-        """CPU time of making it, by all processes that were busy with it; None if an earlier juicer made it."""
+        """CPU time of making it, by all processes that were busy with it; None if it was not measured."""
         found = self.host.get(CPU_SECONDS)
         return float(found) if isinstance(found, int | float) else None
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import os
 import time
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -124,9 +123,9 @@ class ArtifactStore:
                 backend.check_writable(ref)
                 backend.sweep()
                 with _discarded_on_failure(draft):
-                    started, clock, cpu = datetime.now().astimezone(), time.monotonic(), _cpu_seconds()
+                    started, clock = datetime.now().astimezone(), time.monotonic()
                     yield draft
-                    manifest = _describe(draft, recipe, started, time.monotonic() - clock, _cpu_seconds() - cpu)
+                    manifest = _describe(draft, recipe, started, time.monotonic() - clock)
                     with self._explaining(ref):
                         backend.commit(draft.path, manifest, replacing=replacing)
             discard_tree(draft.scratch)
@@ -341,20 +340,15 @@ def _discarded_on_failure(draft: Draft) -> Iterator[None]:
         raise
 
 
-def _cpu_seconds() -> float:
-    """CPU time of this process and of those it started that have ended."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
-
-
-def _describe(draft: Draft, recipe: Recipe, started: datetime, seconds: float, cpu_seconds: float) -> Manifest:
+def _describe(draft: Draft, recipe: Recipe, started: datetime, seconds: float) -> Manifest:
     files = describe_files(draft.path)
+    measured = {} if draft.cpu_seconds is None else {CPU_SECONDS: round(draft.cpu_seconds, 3)}
     finished = datetime.now().astimezone()
     return Manifest(
         recipe=recipe,
         files=files,
         summary=plain(draft.summary),
-        host={**describe_host(), CPU_SECONDS: round(cpu_seconds, 3)},
+        host={**describe_host(), **measured},
         started=started.isoformat(timespec="milliseconds"),
         finished=finished.isoformat(timespec="milliseconds"),
         seconds=round(seconds, 3),

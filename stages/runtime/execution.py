@@ -72,7 +72,7 @@ def _fill(call: StageCall, session: Session, draft: Draft) -> None:
         metrics = session.record.metrics(stage.name)
         context = StageContext(session.store, draft, progress, metrics, machine)
         if session.isolate:
-            draft.summary |= run_isolated(call, context, session.stop)
+            run_isolated(call, context, session.stop)
         else:
             run_body(call, context)
 

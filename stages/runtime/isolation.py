@@ -13,7 +13,6 @@ import threading
 from functools import cache, partial
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerContext
-from typing import Any
 
 from juicer.errors import StageDied
 from stages.runtime.context import StageContext, StageInterrupted
@@ -54,8 +53,8 @@ def warm_up() -> None:
     _forking().Process(target=int, daemon=True).start()
 
 
-def run_isolated(call: StageCall, context: StageContext, stop: threading.Event) -> dict[str, Any]:
-    """Run a body in a process of its own and return the summary it leaves.
+def run_isolated(call: StageCall, context: StageContext, stop: threading.Event) -> None:
+    """Run a body in a process of its own; the draft has its facts then.
 
     Args:
         call: Whose body.
@@ -77,9 +76,8 @@ def run_isolated(call: StageCall, context: StageContext, stop: threading.Event) 
     sending.close()
     guarded.close()
     try:
-        summary = _listen(receiving, context, stop)
+        _listen(receiving, context, stop)
         process.join(SHUTDOWN_SECONDS)
-        return summary
     except EOFError:
         # An interrupt may reach the new process before it has learned to leave that to its parent.
         if stop.wait(POLL_SECONDS):
@@ -104,7 +102,7 @@ def _forking() -> ForkServerContext:
     return context
 
 
-def _listen(receiving: Connection, context: StageContext, stop: threading.Event) -> dict[str, Any]:
+def _listen(receiving: Connection, context: StageContext, stop: threading.Event) -> None:
     while True:
         if stop.is_set():
             raise StageInterrupted
@@ -113,9 +111,9 @@ def _listen(receiving: Connection, context: StageContext, stop: threading.Event)
         kind, content = message = receiving.recv()
         if kind == "error":
             raise content
-        if kind == "summary":
-            summary: dict[str, Any] = content
-            return summary
+        if kind == "draft":
+            context.draft.take_facts(content)
+            return
         forward(message, context)
 
 

@@ -22,7 +22,7 @@ REPORT_SECONDS = 0.1
 _LOGGERS = ("juicer", "stages")
 
 Message = tuple[str, Any]
-"""A kind (``progress``, ``metrics``, ``log``, ``error`` or ``summary``), and what is told."""
+"""A kind (``progress``, ``metrics``, ``log``, ``error`` or ``draft``), and what is told."""
 
 
 def without_listeners(context: StageContext) -> StageContext:
@@ -56,7 +56,7 @@ def work_for_parent(
         logger.setLevel(logging.INFO)
     try:
         work(replace(context, progress=sender.progress, metrics=sender))
-        sender.send("summary", context.draft.summary)
+        sender.send("draft", context.draft)
         done = True
     except Exception as error:
         sender.send("error", portable(error, stage))

@@ -18,8 +18,8 @@ from dataclasses import replace
 from functools import partial
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import Any
 
+from juicer.artifacts.draft import Draft
 from juicer.errors import JuicerError, StageDied
 from stages.runtime.context import StageContext
 from stages.runtime.messages import Message, describe_end, forward, without_listeners, work_for_parent
@@ -34,7 +34,10 @@ LOOPBACK = {"GLOO_SOCKET_IFNAME": "lo", "NCCL_SOCKET_IFNAME": "lo"}
 
 
 def run_body(call: StageCall, context: StageContext) -> None:
-    """Run the body of a stage, in this process or in as many as the machine has for it; the draft has its summary then.
+    """Run the body of a stage, in this process or in as many as the machine has for it; the draft has its facts then.
+
+    Its CPU time is that of this process while the body ran, and of the processes that have ended by then: of the stage
+    alone, where it has the process to itself.
 
     Raises:
         ForeignCode: If there is other code here than the recipe names.
@@ -42,13 +45,21 @@ def run_body(call: StageCall, context: StageContext) -> None:
         Exception: Whatever the body raised.
     """
     check_code(call)
+    before = _cpu_seconds()
     if call.stage.facts.needs == "devices" and context.machine.processes > 1:
-        context.draft.summary |= _run_ranks(call, context)
+        context.draft.take_facts(_run_ranks(call, context))
     else:
         call.stage.body(context, **call.arguments)
+    context.draft.cpu_seconds = _cpu_seconds() - before
 
 
-def _run_ranks(call: StageCall, context: StageContext) -> dict[str, Any]:
+def _cpu_seconds() -> float:
+    """CPU time of this process and of those it started that have ended, their own children included."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def _run_ranks(call: StageCall, context: StageContext) -> Draft:
     spawning = multiprocessing.get_context("spawn")
     pipes = [spawning.Pipe(duplex=False) for _ in range(context.machine.processes)]
     receiving, sending = [pipe[0] for pipe in pipes], [pipe[1] for pipe in pipes]
@@ -100,8 +111,8 @@ def _launch(
 
 def _listen(
     results: _Results, launched: Future[int | None], receiving: Sequence[Connection], sending: Sequence[Connection]
-) -> dict[str, Any]:
-    """Listen to the processes until all have ended; returns the summary of the first."""
+) -> Draft:
+    """Listen to the processes until all have ended; returns the draft as the first of them has left it."""
     numbers = {end: number for number, end in enumerate(receiving)}
     while numbers:
         if launched.done() or results.num_started == len(receiving):
@@ -114,7 +125,7 @@ def _listen(
             results.take(numbers[end], message)
             if message is None:
                 del numbers[end]
-    return results.summary(launched.result())
+    return results.draft(launched.result())
 
 
 def _receive(end: Connection) -> Message | None:
@@ -136,7 +147,7 @@ class _Results:
         self.num_started = 0
         self._context = context
         self._name = name
-        self._summaries: dict[int, Any] = {}
+        self._drafts: dict[int, Draft] = {}
         self._failures: list[Exception | None] = []
 
     def take(self, number: int, message: Message | None) -> None:
@@ -144,22 +155,21 @@ class _Results:
         kind, content = ("end", None) if message is None else message
         if kind == STARTED:
             self.num_started += 1
-        elif kind == "summary":
-            self._summaries[number] = content
-        elif kind == "error" or (message is None and number not in self._summaries):
+        elif isinstance(content, Draft):
+            self._drafts[number] = content
+        elif kind == "error" or (message is None and number not in self._drafts):
             self._failures.append(content)
         elif message and number == 0:
             forward(message, self._context)
 
-    def summary(self, status: int | None) -> dict[str, Any]:
-        """The summary, if all went well.
+    def draft(self, status: int | None) -> Draft:
+        """The draft with its facts, if all went well.
 
         Args:
             status: Exit status of a process that failed.
         """
         if not self._failures:
-            summary: dict[str, Any] = self._summaries[0]
-            return summary
+            return self._drafts[0]
         # What a user can mend, or else what came first, of which the others may be consequences.
         cause = next((each for each in self._failures if isinstance(each, JuicerError)), self._failures[0])
         was_killed = status is not None and status < 0 and status != -signal.SIGTERM

@@ -35,7 +35,7 @@ class History:
         return sum(
             manifest.seconds
             for ref, manifest in self.known.items()
-            if manifest and (ref.kind in ("checkpoint", "evaluation", "selection") or _maker(self.known, ref))
+            if manifest and (ref.kind in ("checkpoint", "evaluation") or _actor(self.known, ref))
         )
 
 
@@ -55,19 +55,17 @@ def read_history(store: ArtifactStore, evaluation: ArtifactRef) -> History:
         for ref in (model, *data[model]):
             rounds.setdefault(ref, prefixes[model])
     for ref in known:
-        # What a model made belongs to its round, and so does what was chosen of it.
-        if ref.kind != "evaluation" and (maker := _maker(known, ref)):
-            rounds[ref] = prefixes[maker]
-        elif ref.kind == "selection" and (parents := known_parents(known, ref)):
-            rounds[ref] = rounds[parents[0]]
+        # What a model did belongs to its round, and so does what was chosen of it, or grown from it.
+        if ref.kind != "evaluation" and (actor := _actor(known, ref)):
+            rounds[ref] = prefixes[actor]
     return History(manifest, final, known, rounds)
 
 
 def _prefixes(
     known: Manifests, data: Mapping[ArtifactRef, list[ArtifactRef]], final: ArtifactRef | None
 ) -> dict[ArtifactRef, str]:
-    """Names of the rounds by model: one that learned from two selections is the model of round 3."""
-    turns = {ref: 1 + sum(each.kind == "selection" for each in data[ref]) for ref in data if ref != final}
+    """Names of the rounds by model: one that learned from what two others did is the model of round 3."""
+    turns = {ref: 1 + len({_actor(known, each) for each in data[ref]} - {None}) for ref in data if ref != final}
     alike = Counter(turns.values())
     prefixes = {ref: "" for ref in data}
     for ref, turn in turns.items():
@@ -90,6 +88,12 @@ def _data(known: Manifests, model: ArtifactRef) -> list[ArtifactRef]:
     return list(found)
 
 
-def _maker(known: Manifests, ref: ArtifactRef) -> ArtifactRef | None:
-    """The model that acted where an artifact was made."""
+def _actor(known: Manifests, ref: ArtifactRef) -> ArtifactRef | None:
+    """The model that acted where an artifact was made, or in all that it was made of."""
+    parents = known_parents(known, ref)
+    behind = {_own_actor(known, parent) for parent in parents}
+    return _own_actor(known, ref) or (behind.pop() if len(behind) == 1 else None)
+
+
+def _own_actor(known: Manifests, ref: ArtifactRef) -> ArtifactRef | None:
     return next((parent for parent in known_parents(known, ref) if parent.kind == "checkpoint"), None)

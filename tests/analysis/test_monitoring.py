@@ -51,7 +51,8 @@ def test_episodes_that_have_ended_are_not_compared():
     spread = episodes(failing=[1.0], succeeding=[2.0])
     assert spread.separation(spread.before_any_success).auc == 0
     assert spread.separation(20) is None
-    assert [step for step, _ in spread.curve()] == list(range(0, 60, STRIDE))
+    full = 2 * STRIDE
+    assert [step for step, _ in spread.curve()] == list(range(full, 60, STRIDE))
 
 
 def test_a_longer_rollout_does_not_look_worse_for_being_longer():
@@ -85,6 +86,41 @@ def test_alarms_are_false_as_often_as_was_asked_and_early():
     assert alarms.leads[len(alarms.leads) // 2] == 100 - 10 * STRIDE
 
 
+def test_alarms_of_noise_are_found_in_failures_no_oftener_than_in_successes():
+    rng = np.random.default_rng(2)
+    traces = [rng.random(100) for _ in range(1000)] + [rng.random(15) for _ in range(1000)]
+    lengths = [100 * STRIDE] * 1000 + [15 * STRIDE] * 1000
+    for window in (1, 5):
+        alarms = Watched.of(traces, [True] * 1000 + [False] * 1000, lengths, STRIDE, window).alarms(0.05)
+        assert alarms.found == pytest.approx(alarms.false_alarms, abs=0.03)
+        assert min(alarms.leads) > 85 * STRIDE
+
+
+def test_a_rollout_that_ends_before_its_window_is_full_has_no_score_and_raises_no_alarm():
+    traces, failed = [np.ones(9)] * 5 + [np.full(2, 5.0)], [True] + [False] * 5
+    spread = Watched.of(traces, failed, [36] * 5 + [8], STRIDE, window=3)
+    assert np.isnan(spread.scores[5]).all()
+    assert spread.separation(spread.before_any_success) is None
+    assert spread.alarms(0.05).false_alarms == 0
+
+
+@pytest.mark.parametrize(
+    ("failing_steps", "succeeding_steps", "clause"),
+    [
+        ([100], [], "there is no success"),
+        ([], [60], "there is no failure"),
+        ([100], [8, 60], "the first success ends before a window of predictions is full"),
+        ([20], [60], "there is no failure that is still running when the first success ends"),
+        ([20, 100], [60], ""),
+    ],
+)
+def test_what_cannot_be_compared_is_told_why(failing_steps, succeeding_steps, clause):
+    lengths = [*failing_steps, *succeeding_steps]
+    failed = [True] * len(failing_steps) + [False] * len(succeeding_steps)
+    spread = Watched.of([np.ones(-(-length // STRIDE)) for length in lengths], failed, lengths, STRIDE, window=3)
+    assert spread.why_not_compared() == clause
+
+
 def test_without_a_success_there_is_no_threshold_and_no_alarm():
     spread = episodes(failing=[1.0, 2.0], succeeding=[])
     assert spread.before_any_success is None
@@ -94,7 +130,7 @@ def test_without_a_success_there_is_no_threshold_and_no_alarm():
 
 def test_a_window_averages_the_last_predictions_and_the_highest_so_far_stays():
     spread = Watched.of([np.array([0.0, 3.0, 0.0, 9.0, 0.0])], [False], [20], STRIDE, window=2)
-    np.testing.assert_allclose(spread.scores, [[0, 1.5, 1.5, 4.5, 4.5]])
+    np.testing.assert_allclose(spread.scores, [[np.nan, 1.5, 1.5, 4.5, 4.5]])
 
 
 def test_a_table_is_watched_episode_by_episode():
@@ -104,6 +140,6 @@ def test_a_table_is_watched_episode_by_episode():
         for step in (0, 4)
     ]
     for measure in MEASURES:
-        spread = watched(rows, measure, STRIDE, window=5)
+        spread = watched(rows, measure, STRIDE, window=2)
         assert spread.failed.tolist() == [False, True]
-    np.testing.assert_allclose(watched(rows, "position_mm", STRIDE, 5).scores, [[1, 1], [2, 2]])
+    np.testing.assert_allclose(watched(rows, "position_mm", STRIDE, 2).scores, [[np.nan, 1], [np.nan, 2]])

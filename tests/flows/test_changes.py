@@ -190,7 +190,7 @@ def test_a_number_costs_what_everything_behind_it_cost(finished):
     behind = {manifest.ref: manifest for manifest in store.list()}
     assert all(manifest.cpu_seconds is not None for manifest in behind.values())
     recorded = next(each for each in behind.values() if each.recipe.stage == "record")
-    assert recorded.cpu_seconds > 0
+    assert recorded.cpu_seconds > 0.1
     assert "CPU-hours" in (store.open(outcome.report) / PAGE).read_text()
 
 

@@ -54,6 +54,16 @@ def test_task_and_randomness_reach_every_section_that_does_not_set_its_own(tmp_p
     assert config.evaluation.randomness == "high"
 
 
+def test_who_corrects_is_who_records_unless_another_operator_is_asked_for(tmp_path):
+    conditions = "conditions: {bc: {}, hasty: {title: H, changes: {record: {temperament: {kind: steady}}}}}\n"
+    human = f"flow: study\nseeds: [0]\nrecord: {{temperament: {{kind: human}}}}\n{conditions}"
+    (config,) = load_runs(write(tmp_path, human))
+    assert config.correction.temperament == config.recording.temperament
+    assert (config.correction.temperament.kind, config.loop("hasty").correction.temperament.kind) == ("human", "steady")
+    (config,) = load_runs(write(tmp_path, f"{human}correct: {{temperament: {{kind: steady}}}}\n"))
+    assert (config.correction.temperament.kind, config.recording.temperament.kind) == ("steady", "human")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

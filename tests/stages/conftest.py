@@ -21,6 +21,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -101,6 +103,28 @@ def dawdle(context: StageContext, *, config: ToyConfig) -> None:
     for done in range(600):
         time.sleep(0.1)
         context.progress(done, 600)
+
+
+WORK = "import time\\nwhile time.process_time() < 0.5: pass"
+
+
+@stage(kind="episodes")
+def toil(context: StageContext, *, config: ToyConfig) -> None:
+    """Keep one processor busy, and another one by a process beside this one."""
+    work_until = time.process_time() + 0.5
+    while time.process_time() < work_until:
+        pass
+    subprocess.run([sys.executable, "-c", WORK], check=True)
+    (context.draft.path / "words.txt").write_text("done")
+
+
+@stage(kind="episodes", needs="devices")
+def toil_together(context: StageContext, *, config: ToyConfig) -> None:
+    """Keep a processor busy in each of several processes."""
+    work_until = time.process_time() + 2
+    while time.process_time() < work_until:
+        pass
+    (context.draft.path / f"{os.getpid()}.txt").write_text("done")
 '''
 
 

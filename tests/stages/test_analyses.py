@@ -41,8 +41,8 @@ POLICY = {
     "head": {"kind": "flow", "denoiser": {"kind": "mlp", "width": 32, "blocks": 1}},
 }
 TRAINING = TrainingConfig(steps=4, batch_size=16, warmup_steps=2, validation_fraction=0, report_every=4, save_every=4)
-WATCHED = {"task": "one_leg", "randomness": "low", "episodes": 2, "max_steps": 11}
-EVALUATE = EvaluateConfig(**WATCHED)
+ROLLOUTS = {"task": "one_leg", "randomness": "low", "episodes": 2, "max_steps": 11}
+EVALUATE = EvaluateConfig(**ROLLOUTS)
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def test_a_critical_state_that_no_demonstration_has_is_a_finding(learned):
 
 def test_a_monitor_watches_the_same_rollouts_as_an_evaluation_and_changes_none(learned):
     evaluation = evaluate(learned.session, checkpoint=learned.checkpoint, config=EVALUATE)
-    config = MonitorConfig(**WATCHED, watched_samples=4)
+    config = MonitorConfig(**ROLLOUTS, watched_samples=4)
     watched = monitor(learned.session, checkpoint=learned.checkpoint, config=config)
     rows = read_monitor(learned.store.open(watched))
     ends = {(row.seed, row.outcome, row.length) for row in rows}
@@ -169,6 +169,6 @@ def test_success_and_cost_are_compared_by_the_number_of_samples(learned):
 def test_a_replay_has_no_samples_to_analyse(learned):
     replay = memorise(learned.session, episodes=learned.demonstrations, config=MemoriseConfig())
     with pytest.raises(ConfigError, match="it has no samples to analyse"):
-        monitor(learned.session, checkpoint=replay, config=MonitorConfig(**WATCHED))
+        monitor(learned.session, checkpoint=replay, config=MonitorConfig(**ROLLOUTS))
     with pytest.raises(ConfigError, match="a replay has no samples to choose among"):
         evaluate(learned.session, checkpoint=replay, config=EVALUATE.model_copy(update={"samples": 2}))

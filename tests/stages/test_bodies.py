@@ -35,6 +35,7 @@ from juicer.errors import (
     WrongArtifactKind,
 )
 from juicer.evaluation import anytime_interval
+from juicer.expert.human import Human
 from juicer.policy.checkpoint import load_policy
 from juicer.policy.config import HorizonConfig
 from juicer.reporting.comparison import ReportRow
@@ -296,6 +297,16 @@ def test_an_operator_finishes_a_rollout_that_got_nowhere(loop, corrections):
     assert facts["share"] == 1 / facts["attempts"]
     assert facts["human_steps"] >= facts["steps"] > 0
     assert facts["by_milestone"]["start"]["corrections"] == 1
+
+
+def test_an_operator_with_a_human_hand_corrects_like_one(loop, corrections):
+    config = CorrectConfig(corrections=1, patience_steps=4, lead_steps=2, temperament=Human())
+    human = correct(loop.session, episodes=loop.rollouts, config=config)
+    (steady,) = read_all(loop.store, corrections)
+    assert all(
+        not np.array_equal(steady.steps["action"][0], each.steps["action"][0]) for each in read_all(loop.store, human)
+    )
+    assert summary(loop, human)["human_steps"] != summary(loop, corrections)["human_steps"]
 
 
 def test_a_policy_learns_from_corrections_and_the_report_counts_the_human_minutes(loop, corrections):

@@ -14,6 +14,7 @@ from juicer.errors import ForeignCode, StageDied
 from stages.record import RecordConfig, record
 from stages.runtime.context import StageInterrupted
 from stages.runtime.execution import execute
+from stages.runtime.machine import Machine
 
 
 @pytest.fixture
@@ -27,6 +28,18 @@ def test_isolated_body_gives_the_same_artifact_from_another_process(toys, isolat
     assert diary.progress == [(2, 2, {"mood": "good"})]
     assert diary.curves == [(1, {"length": 10.0})]
     assert toys.write(session, config=toys.ToyConfig(words=2)) == ref
+
+
+@pytest.mark.parametrize("isolate", [True, False], ids=["isolated", "here"])
+def test_cpu_time_is_that_of_the_body_and_of_the_processes_it_starts(toys, session, store, isolate):
+    ref = toys.toil(replace(session, isolate=isolate), config=toys.ToyConfig())
+    assert store.manifest(ref).cpu_seconds >= 0.99
+
+
+def test_cpu_time_of_work_that_is_shared_is_that_of_all_who_share_it(toys, isolated, store):
+    ref = toys.toil_together(replace(isolated, machine=Machine(processes=2)), config=toys.ToyConfig())
+    assert len(store.manifest(ref).files) == 2
+    assert store.manifest(ref).cpu_seconds >= 4
 
 
 def test_error_that_cannot_be_pickled_still_tells_what_happened(toys, isolated):
