@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from flows.running.data_folder import open_store
 from flows.running.settings import read_settings
-from flows.stopping import LEVEL
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Outcome
 from juicer.evaluation import anytime_interval, anytime_p_value, mcnemar_p_value, wilson_interval
 from juicer.seeding import stream
 from juicer.storage.evaluations import read_evaluation
+from juicer.study.statistics import LEVEL
 
 ROW = "{:28} {:>5} {:>8} {:>9} {:>7} {:>7} {:>7}"
 EVERY = (5, 10, 25)

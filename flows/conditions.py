@@ -28,8 +28,10 @@ OF_THE_RUN = (
     "seed",
     "seeds",
     "curves",
+    "analysed_seed",
+    "evaluate.stop",
 )
-"""Keys of the top level that no condition changes for itself."""
+"""Keys that no condition changes for itself."""
 
 
 @cache
@@ -102,7 +104,7 @@ class Condition(StrictConfig):
     @field_validator("changes")
     @classmethod
     def _are_of_a_condition(cls, changes: dict[str, Any]) -> dict[str, Any]:
-        if said := next((key for key in changes if key in OF_THE_RUN), None):
+        if said := next((key for key in OF_THE_RUN if _says(changes, key)), None):
             raise ValueError(f"'{said}' is said once for the whole run; leave it out of a condition's changes")
         return changes
 
@@ -115,6 +117,11 @@ class Condition(StrictConfig):
         if self.rounds and not self.collect:
             raise ValueError("rounds are those of a condition that collects: add collect: true, or leave them out")
         return self
+
+
+def _says(changes: Any, key: str) -> bool:
+    first, _, rest = key.partition(".")
+    return isinstance(changes, Mapping) and first in changes and (not rest or _says(changes[first], rest))
 
 
 def _told(changes: Mapping[str, Any], outer: str = "") -> Iterator[str]:

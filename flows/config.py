@@ -15,7 +15,7 @@ from flows.loop_config import LoopConfig
 from flows.written import CHANGES_KEY, CONDITIONS_KEY
 from juicer.config import Place, nowhere, parse_config
 from juicer.errors import ConfigError, did_you_mean
-from juicer.policy.config import PolicyConfig, sampled_in
+from juicer.policy.config import sampled_in
 from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.study.curves import Curve, CurveConfig
 from juicer.text import printable
@@ -46,30 +46,12 @@ class FlowConfig(LoopConfig):
     def _is_possible(self, info: ValidationInfo) -> Self:
         _check_run(self, info.context or nowhere)
         stop = self.evaluate.stop
-        if stop and stop.width is None and (len(self.chosen) == 1 or not stop.comparison):
+        settings = [self.method(name).setting for name in self.chosen]
+        if stop and stop.width is None and (len(set(settings)) == len(settings) or not stop.comparison):
             raise ValueError(
                 "evaluate.stop settles nothing: say with evaluate.stop.width how narrow the interval is to be, or "
-                "compare several conditions"
+                "compare several conditions that differ in their method alone"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _analyses_name_conditions(self) -> Self:
-        for key, analysis in self.analyses.items():
-            for name in analysis.conditions:
-                if name not in self.conditions and shipped(name) is None:
-                    near = did_you_mean(name, {**defaults()["conditions"], **self.conditions})
-                    raise ValueError(f"analyses.{key}.conditions: there is no condition '{name}'{near}")
-        return self
-
-    @model_validator(mode="after")
-    def _policies_sample_in_as_many_steps(self) -> Self:
-        for key, analysis in self.analyses.items():
-            if isinstance(analysis, SamplingAnalysis):
-                for name in self.chosen:
-                    policy = self.loop(name).final_training(self.method(name), 0).policy
-                    if policy.draws_samples and analysis.concerns(name, is_first_seed=True):
-                        _check_steps(policy, analysis, key)
         return self
 
     def method(self, name: str) -> Condition:
@@ -110,6 +92,11 @@ class FlowConfig(LoopConfig):
         return tuple(dict.fromkeys(name for name, _ in self.models))
 
     @property
+    def levels(self) -> tuple[str, ...]:
+        """Randomness of the initial states that its models are evaluated on; several if conditions change it."""
+        return tuple(dict.fromkeys(self.loop(name).evaluation.randomness.value for name in self.chosen))
+
+    @property
     def drawn_curves(self) -> tuple[Curve, ...]:
         """Curves over conditions; one model makes none."""
         return ()
@@ -118,13 +105,6 @@ class FlowConfig(LoopConfig):
     def is_joint(self) -> bool:
         """Whether one of the models is for several tasks."""
         return any(self.method(name).joint_policy for name in self.chosen)
-
-
-def _check_steps(policy: PolicyConfig, analysis: SamplingAnalysis, key: str) -> None:
-    try:
-        sampled_in(policy, max(analysis.inference_steps))
-    except ConfigError as error:
-        raise ValueError(f"analyses.{key}.inference_steps: {error}") from None
 
 
 class CollectInferConfig(FlowConfig):
@@ -170,6 +150,11 @@ class CollectInferConfig(FlowConfig):
         return (self.seed,)
 
     @property
+    def first_seed(self) -> int:
+        """The only seed."""
+        return self.seed
+
+    @property
     def models(self) -> tuple[tuple[str, int], ...]:
         """The only model."""
         return ((self.condition, self.seed),)
@@ -186,6 +171,7 @@ class StudyConfig(FlowConfig):
     Attributes:
         conditions: What is compared: what each condition is made of, by name.
         curves: By name, conditions that differ in one number, drawn over it.
+        analysed_seed: The seed whose models are analysed where not those of every seed are; if empty, the first.
     """
 
     flow: Literal["study"] = "study"
@@ -194,6 +180,7 @@ class StudyConfig(FlowConfig):
     )
     seeds: tuple[RunSeed, ...] = Field(default=(0, 1, 2, 3, 4), min_length=1, max_length=MOST_SEEDS)
     curves: dict[Name, CurveConfig] = Field(default={}, max_length=MOST_DEFINITIONS)
+    analysed_seed: RunSeed | None = None
 
     @model_validator(mode="after")
     def _has_the_points_of_its_curves(self) -> Self:
@@ -239,6 +226,8 @@ class StudyConfig(FlowConfig):
             update={
                 "conditions": kept,
                 "seeds": tuple(each for each in self.seeds if not seeds or each in seeds),
+                # Of a study that is run in parts, no part analyses more than the whole.
+                "analysed_seed": self.first_seed if seeds else self.analysed_seed,
                 "curves": {name: curve for name, curve in curves.items() if curve.conditions},
             }
         )
@@ -258,6 +247,11 @@ class StudyConfig(FlowConfig):
         return {name: own.model_dump(mode="json") for name, own in conditions.items()}
 
     @property
+    def first_seed(self) -> int:
+        """The seed whose models are analysed where not those of every seed are."""
+        return self.seeds[0] if self.analysed_seed is None else self.analysed_seed
+
+    @property
     def models(self) -> tuple[tuple[str, int], ...]:
         """Conditions and seeds to train, seeds outermost; what has no randomness has the first seed only."""
         return tuple(
@@ -275,8 +269,8 @@ def _check_run(config: FlowConfig, place: Place) -> None:
     """Refuse at once what would otherwise be noticed after a training.
 
     Raises:
-        ValueError: If a condition has no such policy, a model is for several tasks and there are none, or finds no
-            initial states to collect from or to be evaluated on.
+        ValueError: If a condition has no such policy, a model is for several tasks and there are none, finds no initial
+            states to collect from or to be evaluated on, or cannot be analysed as it is asked.
         ConfigError: If what a condition changes is not valid.
     """
     largest: float = math.inf
@@ -290,8 +284,10 @@ def _check_run(config: FlowConfig, place: Place) -> None:
                 if policy not in each.policies:
                     near = did_you_mean(policy, each.policies)
                     raise ValueError(f"conditions.{name}: there is no policy '{policy}'{near}")
+        where = f"conditions.{name}.changes: " if condition.changes else ""
         for each in loops:
-            _check_states(each, f"conditions.{name}.changes: " if condition.changes else "")
+            _check_states(each, where)
+        _check_analyses(config, name, loop, where)
         if condition.collect:
             largest = min(largest, *(each.largest_seed(condition) for each in loops), math.inf)
     seed = max(seed for _, seed in config.models)
@@ -309,3 +305,18 @@ def _check_states(loop: LoopConfig, where: str) -> None:
         raise ValueError(f"{where}initial states to evaluate on run out; lower evaluate.first or evaluate.episodes")
     if loop.logs is None and loop.record.first + loop.record.max_recordings > len(SEED_RANGES[Purpose.DEMONSTRATIONS]):
         raise ValueError(f"{where}initial states to record from run out; lower record.first or record.max_recordings")
+
+
+def _check_analyses(config: FlowConfig, name: str, loop: LoopConfig, where: str) -> None:
+    policy = loop.final_training(config.method(name), 0).policy
+    for key, analysis in loop.analyses.items():
+        for other in analysis.conditions:
+            if other not in config.conditions and shipped(other) is None:
+                near = did_you_mean(other, {**defaults()["conditions"], **config.conditions})
+                raise ValueError(f"{where}analyses.{key}.conditions: there is no condition '{other}'{near}")
+        draws = policy.draws_samples and analysis.concerns(name, is_first_seed=True)
+        if draws and isinstance(analysis, SamplingAnalysis):
+            try:
+                sampled_in(policy, max(analysis.inference_steps))
+            except ConfigError as error:
+                raise ValueError(f"{where}analyses.{key}.inference_steps: {error}") from None

@@ -159,7 +159,7 @@ def _analyses(
     return {
         key: analyse(session, loop, checkpoint, analysis, get)
         for key, analysis in loop.analyses.items()
-        if analysis.concerns(name, is_first_seed=seed == config.seeds[0])
+        if analysis.concerns(name, is_first_seed=seed == config.first_seed)
     }
 
 

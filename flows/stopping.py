@@ -6,19 +6,19 @@ looks, so a study may also be run in part, looked at, and continued later.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from pydantic import Field
 
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
-from juicer.errors import ConfigError
-from juicer.evaluation import ConditionResult, anytime_interval, compare
+from juicer.evaluation import ConditionResult, anytime_interval
+from juicer.study.statistics import Difference, differences
 from stages.evaluate import EvaluateConfig, EvaluateSection, evaluate
 from stages.runtime.session import Session
 
-LEVEL = 0.05
-"""At most with this probability is a comparison ever decided between conditions that succeed equally often."""
+if TYPE_CHECKING:
+    from juicer.study.material import TaskStudy
 
 
 class StopConfig(StrictConfig):
@@ -35,7 +35,8 @@ class StopConfig(StrictConfig):
     )
     comparison: bool = Field(
         default=True,
-        description="settled when the comparison with the study's first condition is decided at the level of 5 %",
+        description="settled when its comparisons are decided by the tests of the report: all pairs of conditions that "
+        "differ in their method alone, adjusted for their number, at the level of 5 %",
     )
 
 
@@ -78,51 +79,50 @@ def num_episodes(session: Session, evaluation: ArtifactRef) -> int:
     return int(session.recipe(evaluation).config["episodes"])
 
 
-def is_settled(result: ConditionResult, reference: ConditionResult | None, stop: StopConfig) -> bool:
-    """Whether all is known of a condition that was to be known.
+def open_conditions(study: TaskStudy, stop: StopConfig) -> dict[str, str]:
+    """Conditions whose evaluation goes on, and why: what the report would say of them is not settled yet.
+
+    The comparisons are those of the report, with p-values adjusted for their number as there: all pairs of conditions
+    that differ in their method alone. What is compared with none is evaluated to the end, unless a width is asked for.
 
     Args:
-        result: The condition so far.
-        reference: What it is compared with, if with anything.
+        study: All conditions so far.
         stop: What is to be known.
     """
-    if stop.width is not None:
-        # More episodes narrow this interval, not the share of the other one that is due to how models differ.
-        successes = sum(sum(model.successes) for model in result.models)
-        low, high = anytime_interval(successes, result.num_episodes)
-        if high - low > stop.width:
-            return False
-    if not stop.comparison or reference is None:
-        return True
-    try:
-        return compare(reference, result).p_value <= LEVEL
-    except ConfigError:
-        return True  # other seeds or other initial states: there is nothing to pair
-
-
-def unsettled(results: Sequence[ConditionResult], stop: StopConfig) -> list[str]:
-    """Names of the conditions of which something is still to be found out, by further episodes of their own.
-
-    Args:
-        results: All conditions so far; the others are compared with the first.
-        stop: What is to be known.
-    """
-    first, *others = results
-    names = [result.condition for result in others if not is_settled(result, first, stop)]
-    return names if is_settled(first, None, stop) else [first.condition, *names]
-
-
-def told(results: Sequence[ConditionResult], stop: StopConfig) -> str:
-    """How many episodes the models of each condition took, and why no more, for people."""
-    open_ = unsettled(results, stop)
-    numbers = [
-        f"{result.title} {max(len(model.successes) for model in result.models)}"
-        f"{' (not settled)' if result.condition in open_ else ''}"
-        for result in results
+    tests = [
+        test
+        for group in (study.groups.values() if stop.comparison else ())
+        for test in differences([measured.result for measured in group])
     ]
-    aims = []
-    if stop.comparison and len(results) > 1:
-        aims.append(f"the comparison with {results[0].title} is decided")
-    if stop.width is not None:
-        aims.append(f"the interval is at most {100 * stop.width:g} points wide")
+    compared = {name for test in tests for name in _names(test)}
+    undecided = {name for test in tests if not test.is_significant for name in _names(test)}
+    found = {}
+    for name, measured in study.measured.items():
+        if name in undecided or (stop.width is not None and _width(measured.result) > stop.width):
+            found[name] = "not settled"
+        elif name not in compared and stop.width is None:
+            found[name] = "compared with none"
+    return found
+
+
+def _names(test: Difference) -> tuple[str, str]:
+    return test.first.condition, test.second.condition
+
+
+def _width(result: ConditionResult) -> float:
+    # More episodes narrow this interval, not the share of the other one that is due to how models differ.
+    low, high = anytime_interval(sum(sum(model.successes) for model in result.models), result.num_episodes)
+    return high - low
+
+
+def told(study: TaskStudy, stop: StopConfig) -> str:
+    """How many episodes the models of each condition took, and why no more, for people."""
+    reasons = open_conditions(study, stop)
+    numbers = [
+        f"{measured.result.title} {max(len(model.successes) for model in measured.result.models)}"
+        f"{f' ({reasons[name]})' if name in reasons else ''}"
+        for name, measured in study.measured.items()
+    ]
+    aims = ["all comparisons are decided"] if stop.comparison else []
+    aims += [f"the interval is at most {100 * stop.width:g} points wide"] if stop.width is not None else []
     return f"{', '.join(numbers)}; looked after every {stop.every} whether {' and '.join(aims)}"

@@ -87,7 +87,6 @@ def evaluate(
     context.draft.summary |= {OBSERVES: policy.observes} if policy.observes else {}
     context.draft.summary |= facts(rows, get_task(config.task).milestones, anytime=config.anytime)
     context.draft.summary |= {SHIFT: config.shift.phrase} if config.shift else {}
-    context.draft.summary |= facts(rows, get_task(config.task).milestones)
     context.draft.summary |= _texts(context.draft.summary)
     if finding := _other_renderer(policy.summary.get(DRAWN_BY, [])):
         context.draft.summary[FINDING] = finding

@@ -233,7 +233,7 @@ def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore) -
         ]
         for row in outcome.results(store)
     ]
-    title = f"{config.task}, {config.randomness.value} randomness: success rates"
+    title = f"{config.task}, {' and '.join(config.levels)} randomness: success rates"
     say_table(["condition", "average ", "95 % interval ", "best ", "models ", "episodes "], rows, title)
     columns, under_shifts = robustness_table(outcome.results(store))
     if columns:

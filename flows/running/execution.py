@@ -14,7 +14,7 @@ from flows.config import RunConfig
 from flows.loop import ModelOutcome, evaluate_further, run_model
 from flows.running.settings import read_settings
 from flows.running.tracking import Tracking
-from flows.stopping import StopConfig, num_episodes, told, unsettled
+from flows.stopping import num_episodes, open_conditions, told
 from juicer.artifacts.manifest import STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
@@ -22,12 +22,17 @@ from juicer.errors import ArtifactNotFound
 from juicer.evaluation import ConditionResult
 from juicer.reporting.analyses import AnalysisRow
 from juicer.reporting.comparison import ReportRow, condition_results
+from juicer.reporting.sources import Sources
 from juicer.shifts import Shift
+from juicer.study.material import TaskStudy, task_study
 from stages.report import ReportConfig, report
 from stages.runtime.context import Record
 from stages.runtime.session import Session
 
 POLL_SECONDS = 0.2
+
+ModelKey = tuple[str, int]
+"""Condition and seed of a model."""
 
 _POSES = "poses of the robot and the parts, no images"
 _SEEN = {"": _POSES, STATE: _POSES, "images": "images of cameras and the robot's own readings, no poses of parts"}
@@ -111,91 +116,69 @@ def run_models(
     task runner's business. If some fail, the others run to their ends before the first failure is raised.
 
     Where evaluations may stop, all models are evaluated on a first block of initial states before it is looked who
-    needs more.
+    needs more. A model is recorded when it is settled, and in the end, also if others fail.
     """
-    chain = partial(_chain, session, config, tracking)
-    models = _together(
-        [chain(name, seed, partial(run_model, config=config, name=name, seed=seed)) for name, seed in config.models],
-        session,
-        parallel=parallel,
-    )
-    while places := _to_be_continued(session, config, models):
-        waiting = [models[place] for place in places]
-        further = [
-            chain(model.condition, model.seed, partial(evaluate_further, config=config, model=model))
-            for model in waiting
-        ]
-        for place, model in zip(places, _together(further, session, parallel=parallel), strict=True):
-            models[place] = model
-    if tracking and config.evaluate.stop:
-        for model in models:
-            tracking.finish(model)
-    return models
+    models: dict[ModelKey, ModelOutcome] = {}
+
+    def advance(key: ModelKey) -> None:
+        record: Record = tracking.model(*key) if tracking else session.record
+        scope = session.for_model(f"{key[0]} seed {key[1]}", record)
+        if key in models:
+            models[key] = evaluate_further(scope, config, models[key])
+        else:
+            models[key] = run_model(scope, config, *key)
+        if config.evaluate.stop is None:
+            finish([key])
+
+    def finish(keys: Iterable[ModelKey]) -> None:
+        for key in keys:
+            if tracking and key in models:
+                tracking.finish(models[key])
+
+    waiting = list(config.models)
+    try:
+        while waiting:
+            _together([partial(advance, key) for key in waiting], session, parallel=parallel)
+            waiting = _to_be_continued(session, config, models)
+            finish(key for key in config.models if key not in waiting)
+    finally:
+        finish(config.models)
+    return [models[key] for key in config.models]
 
 
-def _chain(
-    session: Session,
-    config: RunConfig,
-    tracking: Tracking | None,
-    condition: str,
-    seed: int,
-    make: Callable[[Session], ModelOutcome],
-) -> Callable[[], ModelOutcome]:
-    record: Record = tracking.model(condition, seed) if tracking else session.record
-    scope = session.for_model(f"{condition} seed {seed}", record)
-
-    def chain() -> ModelOutcome:
-        outcome = make(scope)
-        # One that may be evaluated further is not finished: its records would tell of a first block.
-        if tracking and config.evaluate.stop is None:
-            tracking.finish(outcome)
-        return outcome
-
-    return chain
-
-
-def _together(chains: Sequence[Callable[[], ModelOutcome]], session: Session, *, parallel: bool) -> list[ModelOutcome]:
+def _together(actions: Sequence[Callable[[], None]], session: Session, *, parallel: bool) -> None:
     if not parallel:
-        return [chain() for chain in chains]
-    with ThreadPoolExecutor(len(chains), thread_name_prefix="model") as pool:
-        futures = [pool.submit(copy_context().run, chain) for chain in chains]
+        for action in actions:
+            action()
+        return
+    with ThreadPoolExecutor(len(actions), thread_name_prefix="model") as pool:
+        futures = [pool.submit(copy_context().run, action) for action in actions]
         _wait(futures, session)
-    return [future.result() for future in futures]
+    for future in futures:
+        future.result()
 
 
-def _to_be_continued(session: Session, config: RunConfig, models: Sequence[ModelOutcome]) -> list[int]:
-    """Places of the models that are evaluated on further episodes: those of conditions that are not settled."""
+def _to_be_continued(session: Session, config: RunConfig, models: Mapping[ModelKey, ModelOutcome]) -> list[ModelKey]:
+    """Models that are evaluated on further episodes: those of conditions that are open, if they have some left."""
     stop = config.evaluate.stop
     if stop is None:
         return []
-    further = {name for group in _comparable(config, models) for name in _unsettled(session, config, stop, group)}
-    return [place for place, model in enumerate(models) if model.condition in further]
-
-
-def _comparable(config: RunConfig, models: Sequence[ModelOutcome]) -> Iterable[list[ModelOutcome]]:
-    """Models by what they are evaluated on: only on the same initial states are episodes compared in pairs."""
-    groups: dict[str, list[ModelOutcome]] = {}
-    for model in models:
-        groups.setdefault(config.loop(model.condition).evaluation.model_dump_json(), []).append(model)
-    return groups.values()
-
-
-def _unsettled(session: Session, config: RunConfig, stop: StopConfig, models: Sequence[ModelOutcome]) -> set[str]:
-    """Conditions of comparable models that need further episodes, and have some left."""
-    episodes = {model.condition: num_episodes(session, model.evaluation) for model in models}
-    first, most = models[0].condition, config.loop(models[0].condition).evaluate.episodes
+    most = {name: config.loop(name).evaluate.episodes for name in config.chosen}
+    left = [key for key in config.models if num_episodes(session, models[key].evaluation) < most[key[0]]]
     try:
-        names = unsettled(condition_results(session.store, *rows_of(models)), stop)
+        going_on = open_conditions(_usual_study(session.store, config, models.values()), stop) if left else {}
     except ArtifactNotFound:
-        names = list(episodes)  # a run in thought: it may need them all
-    further = {name for name in names if episodes[name] < most}
-    # Episodes are compared in pairs: the first condition keeps up with those that are compared with it.
-    if stop.comparison and any(episodes[name] >= episodes[first] for name in further):
-        further.add(first)
-    return further
+        return left  # a run in thought: it may need them all
+    return [key for key in left if key[0] in going_on]
 
 
-def _wait(futures: Sequence[Future[ModelOutcome]], session: Session) -> None:
+def _usual_study(store: ArtifactStore, config: RunConfig, models: Iterable[ModelOutcome]) -> TaskStudy:
+    """What the report tells of models, without shifts and without what they were made from."""
+    rows = rows_of([replace(model, shifted={}) for model in models])
+    return task_study(store, config.task, *rows, sources=Sources(store, (), ()))
+
+
+def _wait(futures: Sequence[Future[None]], session: Session) -> None:
     """Wait for all, but hear an interrupt from the keyboard at once and pass it on to the stages."""
     pending = set(futures)
     try:
@@ -253,23 +236,20 @@ def write_report(session: Session, config: RunConfig, outcome: RunOutcome) -> Ar
 
 def _facts(config: RunConfig, outcome: RunOutcome, store: ArtifactStore) -> Mapping[str, str]:
     seen = dict.fromkeys(_SEEN.get(model.observes, model.observes) for model in outcome.models)
-    episodes, stop = str(config.evaluate.episodes), config.evaluate.stop
+    loops = [config.loop(name) for name in config.chosen]
+    shifts = dict.fromkeys(_told(*entry) for loop in loops for entry in loop.shifts.items())
+    stop = config.evaluate.stop
+    episodes = " or ".join(dict.fromkeys(str(loop.evaluate.episodes) for loop in loops))
+    if stop:
+        episodes = f"at most {episodes}: {told(_usual_study(store, config, outcome.models), stop)}"
     return {
         "Task": config.task,
-        "Randomness": config.randomness.value,
+        "Randomness": ", ".join(config.levels),
         "The policies see": "; or ".join(seen),
         "Seeds": ", ".join(map(str, config.seeds)),
-        "Evaluation episodes a model": f"at most {episodes}: {'; '.join(_stops(config, outcome, store, stop))}"
-        if stop
-        else episodes,
-        **({"Shifts": "; ".join(_told(*entry) for entry in config.shifts.items())} if config.shifts else {}),
+        "Evaluation episodes a model": episodes,
+        **({"Shifts": "; ".join(shifts) + (", all episodes" if stop else "")} if shifts else {}),
     }
-
-
-def _stops(config: RunConfig, outcome: RunOutcome, store: ArtifactStore, stop: StopConfig) -> list[str]:
-    """Why evaluations ended."""
-    groups = _comparable(config, outcome.models)
-    return [told(condition_results(store, *rows_of(group)), stop) for group in groups]
 
 
 def _told(name: str, shift: Shift) -> str:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from flows.config import RunConfig
-from flows.loop import ModelOutcome
+from flows.loop import ModelOutcome, evaluate_further, run_model
 from flows.running.execution import RunOutcome, run_models, write_report
+from flows.stopping import num_episodes
 from juicer.artifacts.explain import Explainer
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
@@ -71,13 +72,31 @@ def plan(store: ArtifactStore, config: RunConfig) -> list[PlannedCall]:
 
 
 def evaluated_models(store: ArtifactStore, config: RunConfig) -> tuple[list[ModelOutcome], int]:
-    """Models of a run whose evaluations are in the store, and how many the run has."""
+    """Models of a run whose evaluations are in the store, as far as these go, and how many models the run has."""
 
     def perform(call: StageCall, session: Session) -> ArtifactRef:
         return call.recipe.ref
 
-    models = run_models(Session(store, performer=perform), config, parallel=False)
-    return [model for model in models if store.exists(model.evaluation)], len(models)
+    session = Session(store, performer=perform)
+    models = [run_model(session, config, name, seed) for name, seed in config.models]
+    known = [model for model in models if store.exists(model.evaluation)]
+    alike = ([model for model in known if model.condition == name] for name in config.chosen)
+    return [model for each in alike for model in _as_far_as_known(session, config, each)], len(models)
+
+
+def _as_far_as_known(session: Session, config: RunConfig, models: Sequence[ModelOutcome]) -> list[ModelOutcome]:
+    """Models of a condition with the longest evaluations that all of them have, and the shifted ones that exist."""
+    exists = session.store.exists
+    most = config.loop(models[0].condition).evaluate.episodes if models else 0
+    while models and num_episodes(session, models[0].evaluation) < most:
+        further = [evaluate_further(session, config, model) for model in models]
+        if not all(exists(model.evaluation) for model in further):
+            break
+        models = further
+    return [
+        replace(model, shifted={name: ref for name, ref in model.shifted.items() if ref is None or exists(ref)})
+        for model in models
+    ]
 
 
 def require_weights(planned: Iterable[PlannedCall], folder: Path) -> None:

@@ -16,7 +16,20 @@ from stages.runtime.names import STAGES
 from stages.tracking.model import Model
 from stages.tracking.recorder import Recorder
 
-_NOT_IDENTITY = {"condition", "conditions", "curves", "seed", "seeds", "flow", "logs", "labels", "analyses"}
+_NOT_IDENTITY = {
+    "condition",
+    "conditions",
+    "curves",
+    "seed",
+    "seeds",
+    "flow",
+    "logs",
+    "labels",
+    "analyses",
+    "analysed_seed",
+    "shifts",
+}
+"""Keys that make no model another one."""
 _SHARED_PARAMS = (
     "task",
     "randomness",
@@ -45,7 +58,7 @@ class Tracking:
         content = config.model_dump(mode="json", exclude=_NOT_IDENTITY)
         code = {name: code_version(f"stages.{name}") for name in STAGES}
         self._identity = {"config": content, "code": code}
-        self._finished: list[Model] = []
+        self._finished: dict[str, Model] = {}
 
     def model(self, condition: str, seed: int) -> LiveModel:
         """Record of one model while it is made."""
@@ -53,7 +66,7 @@ class Tracking:
         return LiveModel(self._recorder, self._describe(condition, seed), rounds)
 
     def finish(self, outcome: ModelOutcome) -> None:
-        """A model is done, whatever becomes of the others."""
+        """A model is done, whatever becomes of the others; what is known of it already is not told again."""
         model = self._describe(outcome.condition, outcome.seed)
         told = {
             "title": outcome.title,
@@ -63,12 +76,13 @@ class Tracking:
             "unnoticed": tuple(name for name, ref in outcome.shifted.items() if ref is None),
         }
         model = model.model_copy(update=told)
-        self._finished.append(model)
-        self._recorder.note(model)
+        if self._finished.get(model.key) != model:
+            self._finished[model.key] = model
+            self._recorder.note(model)
 
     def conclude(self, report: ArtifactRef) -> None:
         """The page about all models is there."""
-        for model in self._finished:
+        for model in self._finished.values():
             self._recorder.note(model.model_copy(update={"report": str(report)}))
 
     def _describe(self, condition: str, seed: int) -> Model:

@@ -146,7 +146,8 @@ class Study:
         end = _time(history.evaluation)
         tags = {"condition": model.condition, "seed": str(model.seed)}
         run = self.open(model.key, model.label, tags, end - round(1000 * history.seconds))
-        if _is_done(run, model.evaluation):
+        state = " ".join(model.evaluations.values())
+        if _is_done(run, state):
             return
         self._log_params(run, model.params)
         self._log_numbers(run, _facts(history), end)
@@ -168,14 +169,15 @@ class Study:
         tags |= entries.sight(model, history.evaluation)
         if commit := entries.commit(history.evaluation):
             tags["mlflow.source.git.commit"] = commit
-        self._complete(run, model.evaluation, end, tags)
+        self._complete(run, state, end, tags)
 
     def _show_condition(self, models: Sequence[Model], histories: Mapping[str, History], host: Model) -> None:
         first = models[0]
         end = max(_time(histories[model.key].evaluation) for model in models)
         start = min(run.info.start_time for model in models if (run := self.find(model.key)))
         run = self.open(first.parent_key, first.title, {"condition": first.condition}, start)
-        state = hashlib.sha256(" ".join(f"{model.evaluation} {model.report}" for model in models).encode()).hexdigest()
+        made = [" ".join([*model.evaluations.values(), model.report]) for model in models]
+        state = hashlib.sha256(" ".join(made).encode()).hexdigest()
         if _is_done(run, state):
             return
         (result,) = self._results(models)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from flows.config import StudyConfig
 from flows.running.plan import plan
 from flows.runs import parse_runs
 from juicer.artifacts.store import ArtifactStore
@@ -55,6 +56,32 @@ def test_a_monitor_starts_where_the_evaluation_does(tmp_path):
     for key in ("first", "episodes", "seed", "randomness", "max_steps"):
         assert calls["monitor"][key] == calls["evaluate"][key], key
     assert calls["monitor"]["watched_samples"] == 8
+
+
+@pytest.mark.parametrize(
+    ("analyses", "message"),
+    [
+        ("{a: {kind: monitor, conditions: [tb]}}", r"conditions\.bc\.changes: analyses\.a\.conditions: .* 'tb'"),
+        (
+            "{a: {kind: sampling, inference_steps: [101]}}",
+            r"conditions\.bc\.changes: analyses\.a\.inference_steps: .*must",
+        ),
+    ],
+)
+def test_what_a_condition_alone_cannot_have_analysed_is_refused_at_once(analyses, message):
+    text = STUDY.replace("[replay, bc, ta, mlp_chunked]", f"{{ta: {{}}, bc: {{changes: {{analyses: {analyses}}}}}}}")
+    with pytest.raises(ConfigError, match=message):
+        parse_runs(text, "study")
+
+
+def test_a_study_that_is_run_seed_by_seed_analyses_the_same_models(tmp_path):
+    (config,) = parse_runs(STUDY + ANALYSES, "study")
+    parts = [config.narrowed([], [seed]) for seed in config.seeds]
+    found = [labels(plan(ArtifactStore(tmp_path), part), "monitor") for part in parts]
+    assert found == [["bc seed 3", "ta seed 3"], []]
+    # Prefect validates what a flow is given once more.
+    again = StudyConfig.model_validate(parts[1].model_dump(mode="json"))
+    assert labels(plan(ArtifactStore(tmp_path), again.narrowed(["bc"], [])), "monitor") == []
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,15 @@ import re
 import pytest
 
 from flows.command.cli import call
+from flows.command.run import _say_outcome
 from flows.config import StudyConfig
 from flows.loop_config import LoopConfig
-from flows.running.execution import execute
+from flows.running.execution import RunOutcome, _facts, execute
 from flows.running.plan import calls_of, evaluated_models, plan
 from flows.runs import load_runs
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ConfigError
+from juicer.shifts import parse_shift
 from stages.report import PAGE
 from stages.runtime.execution import perform_here
 from stages.runtime.session import Session
@@ -105,6 +107,7 @@ def test_changes_of_a_model_for_several_tasks_reach_the_loops_of_all_of_them(tmp
         ("{task: lamp}", "'task' is said once for the whole run; leave it out of a condition's changes"),
         ("{seeds: [1]}", "'seeds' is said once for the whole run"),
         ("{mix: {}}", "'mix' is said once"),
+        ("{evaluate: {episodes: 4, stop: {every: 2}}}", "'evaluate.stop' is said once for the whole run"),
         ("[record]", "must hold keys and values, got ['record']"),
         ("{evaluate: {episodes: 1000000, first: 1}}", "initial states to evaluate on run out; lower evaluate.first"),
     ],
@@ -212,3 +215,26 @@ def test_the_page_of_a_study_is_written_from_what_is_there(finished, tmp_path, c
     assert "![one\\_leg: Success over steps](study/one_leg_steps.png)" in text
     assert call(["report", str(folder / "sweep.yaml"), "--output", "/proc/none/study.md"]) == 1
     assert "cannot be written" in capsys.readouterr().err
+
+
+def test_the_page_of_a_study_is_written_before_its_evaluations_under_shifts_are_there(finished):
+    _, store, config, outcome = finished
+    known, planned = evaluated_models(store, config.model_copy(update={"shifts": {"shoved": parse_shift("push")}}))
+    assert ([model.evaluation for model in known], planned) == ([model.evaluation for model in outcome.models], 4)
+    assert all(not model.shifted for model in known)
+    assert [row.title for row in RunOutcome(tuple(known), None).results(store)][:2] == ["BC", "same"]
+
+
+def test_a_report_says_what_its_conditions_change_of_the_evaluation(finished, capsys):
+    folder, store, config, outcome = finished
+    facts = store.recipe(outcome.report).config["facts"]
+    assert facts["Randomness"] == "low, med"
+    (varied,) = load_runs(
+        folder / "sweep.yaml",
+        ["conditions.same.changes={evaluate: {episodes: 3}, shifts: {shoved: {kind: push}}}"],
+    )
+    facts = _facts(varied, outcome, store)
+    assert facts["Evaluation episodes a model"] == "2 or 3"
+    assert facts["Shifts"].startswith("shoved: ")
+    _say_outcome(outcome, config, store)
+    assert "one_leg, low and med randomness: success rates" in capsys.readouterr().out

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import pytest
 
 from flows.config import CollectInferConfig, StudyConfig
 from flows.running.execution import RunOutcome, execute, run_models
-from flows.running.plan import is_complete, plan
+from flows.running.plan import evaluated_models, is_complete, plan
 from flows.running.tracking import Tracking
 from flows.runs import parse_runs
-from flows.stopping import StopConfig, is_settled, told, unsettled
+from flows.stopping import StopConfig, open_conditions, told
 from juicer.artifacts.store import ArtifactStore
+from juicer.artifacts.workspace import delete_tree
 from juicer.episode import Outcome
-from juicer.errors import ConfigError
+from juicer.errors import ConfigError, TrainingFailed
 from juicer.evaluation import ConditionResult, ModelResult, summarise
+from juicer.reporting.sources import Sources
 from juicer.storage.evaluations import EvaluationRow, write_evaluation
+from juicer.study.material import Measured, TaskStudy
+from juicer.study.statistics import differences
 from stages.evaluate import facts
 from stages.runtime.session import Session
 
@@ -61,11 +67,17 @@ def condition(name: str, *successes: str) -> ConditionResult:
     return summarise(name, models, anytime=True)
 
 
+def study(*results: ConditionResult, **settings: str) -> TaskStudy:
+    """Conditions of which some change something, each by its name."""
+    measured = {each.condition: Measured(each, settings.get(each.condition, ""), "states", ()) for each in results}
+    return TaskStudy("one_leg", measured, cast(Sources, None))
+
+
 def episodes(results):
     return {result.condition: [len(model.successes) for model in result.models] for result in results}
 
 
-def test_a_condition_ends_when_its_comparison_is_decided_and_the_first_keeps_up_with_the_others(store):
+def test_a_condition_ends_when_all_its_comparisons_are_decided(store):
     stub = Evaluating(store)
     outcome = execute(Session(store, performer=stub), STUDY, None)
     results = outcome.results(store)
@@ -75,12 +87,12 @@ def test_a_condition_ends_when_its_comparison_is_decided_and_the_first_keeps_up_
         [*((name, n) for name in ("bc", "ci") for n in (12, 24, 36, 40)), ("ta", 12)]
     )
     page = store.recipe(outcome.report).config["facts"]["Evaluation episodes a model"]
-    assert page.startswith("at most 40: BC 40, TA 12, CI 40 (not settled); looked after every 12")
+    assert page.startswith("at most 40: BC 40 (not settled), TA 12, CI 40 (not settled); looked after every 12")
 
 
 def test_all_end_when_all_is_settled(store):
-    study = StudyConfig(**{**dict(STUDY), "conditions": ("bc", "ta")})
-    models = run_models(Session(store, performer=Evaluating(store)), study)
+    pair = StudyConfig(**{**dict(STUDY), "conditions": ("bc", "ta")})
+    models = run_models(Session(store, performer=Evaluating(store)), pair)
     assert episodes(RunOutcome(tuple(models), None).results(store)) == {"bc": [12, 12], "ta": [12, 12]}
 
 
@@ -89,7 +101,8 @@ def test_what_was_evaluated_is_never_evaluated_again(store):
     part = STUDY.narrowed(["ta"], [1])
     execute(Session(store, performer=first), part, None)
     execute(Session(store, performer=second), STUDY, None)
-    assert first.made == [("ta", 12)]
+    # Alone it is compared with none.
+    assert first.made == [("ta", n) for n in (12, 24, 36, 40)]
     assert len(second.made) == 2 * 4 * 2 + 1
     third = Evaluating(store)
     execute(Session(store, performer=third), STUDY, None)
@@ -122,15 +135,39 @@ def test_a_stopped_run_is_complete(store):
     assert is_complete(store, STUDY)
 
 
+class Noting:
+    """Recorder that keeps what it is told."""
+
+    def __init__(self):
+        self.noted = []
+
+    def note(self, model):
+        self.noted.append((model.label, model.evaluation))
+
+
 def test_the_records_show_the_last_evaluation_only(store):
-    noted = []
+    noting = Noting()
+    outcome = execute(Session(store, performer=Evaluating(store)), STUDY, Tracking(noting, STUDY))
+    assert set(noting.noted) == {
+        (f"{model.title}, seed {model.seed}", str(model.evaluation)) for model in outcome.models
+    }
 
-    class Noting:
-        def note(self, model):
-            noted.append((model.label, model.evaluation))
 
-    outcome = execute(Session(store, performer=Evaluating(store)), STUDY, Tracking(Noting(), STUDY))
-    assert set(noted) == {(f"{model.title}, seed {model.seed}", str(model.evaluation)) for model in outcome.models}
+def test_what_is_settled_is_recorded_also_if_another_fails_later(store):
+    class Failing(Evaluating):
+        def __call__(self, call, session):
+            if session.label.startswith("ci seed 1") and call.recipe.config.get("episodes") == self.fails_at:
+                raise TrainingFailed("odd")
+            return super().__call__(call, session)
+
+    for Failing.fails_at, settled in ((12, 0), (24, 2)):
+        noting = Noting()
+        with pytest.raises(TrainingFailed):
+            run_models(Session(store, performer=Failing(store)), STUDY, Tracking(noting, STUDY))
+        labels = [label for label, _ in noting.noted]
+        assert labels[:settled] == ["TA, seed 0", "TA, seed 1"][:settled]
+        assert {"BC, seed 0", "BC, seed 1", "TA, seed 0", "TA, seed 1", "CI, seed 0"} <= set(labels)
+        assert len(labels) == len(set(labels))
 
 
 def test_an_evaluation_is_the_same_whatever_it_is_to_settle(store):
@@ -145,24 +182,66 @@ def test_an_evaluation_is_the_same_whatever_it_is_to_settle(store):
 
 def test_a_width_is_reached_by_the_episodes_of_all_models():
     stop = StopConfig(width=0.2, comparison=False)
-    assert not is_settled(condition("ta", "1" * 25), None, stop)
-    assert is_settled(condition("ta", "1" * 25, "1" * 25), None, stop)
+    assert open_conditions(study(condition("ta", "1" * 25)), stop) == {"ta": "not settled"}
+    assert open_conditions(study(condition("ta", "1" * 25, "1" * 25)), stop) == {}
 
 
 def test_both_must_be_settled_where_both_are_asked_for():
     bc, ta = condition("bc", "10" * 10), condition("ta", "1" * 20)
-    assert unsettled([bc, ta], StopConfig()) == []
-    assert unsettled([bc, ta], StopConfig(width=0.3)) == ["bc"]
-    assert unsettled([bc, bc], StopConfig(width=0.8)) == ["bc"]
-    assert told([bc, ta], StopConfig(width=0.3)) == (
-        "bc 20 (not settled), ta 20; looked after every 25 whether the comparison with bc is decided and the interval "
-        "is at most 30 points wide"
+    assert open_conditions(study(bc, ta), StopConfig()) == {}
+    assert open_conditions(study(bc, ta), StopConfig(width=0.3)) == {"bc": "not settled"}
+    assert told(study(bc, ta), StopConfig(width=0.3)) == (
+        "bc 20 (not settled), ta 20; looked after every 25 whether all comparisons are decided and the interval is at "
+        "most 30 points wide"
     )
+
+
+def test_an_evaluation_ends_by_the_tests_that_the_report_makes():
+    results = [condition(name, "10" * 8) for name in ("replay", "ta", "ci", "ta_ci")]
+    results.insert(1, condition("bc", "1" * 16))
+    pair, whole = study(*results[:2]), study(*results)
+    assert open_conditions(pair, StopConfig()) == {}
+    # The same episodes decide less where more pairs are tested together.
+    assert set(open_conditions(whole, StopConfig())) == {result.condition for result in results}
+    for each in (pair, whole):
+        tests = differences([measured.result for measured in each.measured.values()])
+        assert all(test.is_significant for test in tests) == (not open_conditions(each, StopConfig()))
+
+
+def test_what_is_compared_with_none_is_evaluated_to_the_end(store):
+    ta, med = condition("ta", "1" * 20), condition("med", "1" * 20)
+    alone = study(condition("bc", "10" * 10), ta, med, med="randomness med")
+    assert open_conditions(alone, StopConfig()) == {"med": "compared with none"}
+    assert open_conditions(alone, StopConfig(width=0.7)) == {}
+    part = STUDY.narrowed(["ta"], [])
+    outcome = execute(Session(store, performer=Evaluating(store)), part, None)
+    assert episodes(outcome.results(store)) == {"ta": [40, 40]}
+    page = store.recipe(outcome.report).config["facts"]["Evaluation episodes a model"]
+    assert page == "at most 40: TA 40 (compared with none); looked after every 12 whether all comparisons are decided"
+
+
+def test_a_report_follows_the_evaluations_that_there_are(store):
+    outcome = execute(Session(store, performer=Evaluating(store)), STUDY, None)
+    known, planned = evaluated_models(store, STUDY)
+    assert ({model.evaluation for model in known}, planned) == ({model.evaluation for model in outcome.models}, 6)
+    (lost,) = (model for model in outcome.models if (model.condition, model.seed) == ("ta", 1))
+    delete_tree(store.open(lost.evaluation))
+    known, planned = evaluated_models(store, STUDY)
+    results = RunOutcome(tuple(known), None).results(store)
+    assert (episodes(results), planned) == ({"bc": [40, 40], "ta": [12], "ci": [40, 40]}, 6)
+    last = next(model for model in outcome.models if (model.condition, model.seed) == ("ci", 0))
+    delete_tree(store.open(last.evaluation))
+    known, _ = evaluated_models(store, STUDY)
+    results = RunOutcome(tuple(known), None).results(store)
+    assert episodes(results)["ci"] == [36, 36]
 
 
 def test_one_condition_needs_a_width():
     with pytest.raises(ConfigError, match=r"evaluate\.stop settles nothing"):
         parse_runs({"evaluate": {"stop": {}}}, "here")
+    unlike = {"flow": "study", "conditions": {"bc": {}, "ta": {"changes": {"randomness": "med"}}}}
+    with pytest.raises(ConfigError, match="several conditions that differ in their method alone"):
+        parse_runs({**unlike, "evaluate": {"stop": {}}}, "here")
     (config,) = parse_runs({"evaluate": {"stop": {"width": 0.2}}}, "here")
     assert isinstance(config, CollectInferConfig)
     assert config.evaluation.episodes == 100

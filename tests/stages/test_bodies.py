@@ -450,7 +450,8 @@ def test_an_evaluation_in_blocks_is_the_one_at_once(loop):
     blocks = evaluate(loop.session, checkpoint=loop.checkpoint, previous=first, config=config)
     assert blocks != whole
     assert loop.store.manifest(blocks).content == loop.store.manifest(whole).content
-    assert summary(loop, blocks) == summary(loop, whole)
+    assert summary(loop, blocks) == (facts := summary(loop, whole))
+    assert (facts["interval_low"], facts["interval_high"]) == anytime_interval(facts["successes"], 5)
     row = evaluated_row(loop.store, blocks, 4)
     assert not recomputed_episode(loop.store, blocks, row).differences
 

@@ -178,6 +178,16 @@ def test_other_configuration_is_another_run_in_mlflow():
     assert len(keys) == 2
 
 
+def test_what_computes_no_model_again_makes_no_other_run_in_mlflow():
+    more = {"shifts": {"shoved": {"kind": "push"}}, "analyses": {"watched": {"kind": "monitor"}}}
+    keys = set()
+    for config in (STUDY, StudyConfig(**{**dict(STUDY), **more}), STUDY.narrowed(["bc"], [0])):
+        noting = Noting()
+        Tracking(noting, config).finish(ModelOutcome("bc", "BC", 0, CHECKPOINT, EVALUATION))
+        keys |= {model.key for model in noting.noted.values()}
+    assert len(keys) == 1
+
+
 def test_outcome_for_machines_names_everything(store):
     outcome = execute(Session(store, performer=Stub(store)), STUDY, None)
     content = outcome.to_json(store)

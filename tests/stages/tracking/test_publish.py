@@ -70,6 +70,16 @@ def test_rates_under_shifts_stand_below_their_names(destination, store, study):
     assert runs["BC"].data.metrics["success_rate"] < runs["BC"].data.metrics["under_push/success_rate"]
 
 
+def test_a_shift_that_is_added_later_is_shown_with_the_models_that_are_there(destination, store, study):
+    usual = study.models(range(1))
+    show(destination, store, usual)
+    other = study.model("ta_ci", 7).evaluation
+    runs = runs_of(show(destination, store, [model.model_copy(update={"shifted": {"push": other}}) for model in usual]))
+    assert sorted(runs) == sorted(runs_of(show(destination, store, usual)))
+    for label in ("BC, seed 0", "BC"):
+        assert "under_push/success_rate" in runs[label].data.metrics
+
+
 def test_rounds_before_the_final_model_stand_below_their_number(destination, store, study):
     client = show(destination, store, study.models(range(1)))
     runs = runs_of(client)
