@@ -23,7 +23,7 @@ def cost_section(studies: Sequence[TaskStudy]) -> Section | None:
         "Cost",
         "What it cost to compute",
         "CPU time and wall time of everything that a number was made from, in this run or in an earlier one. An "
-        "artifact of an earlier juicer tells its wall time only, which then counts as its CPU time.",
+        "artifact whose CPU time was not measured counts with its wall time.",
         (
             Table(
                 ("condition", "models", *_COST),
