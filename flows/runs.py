@@ -98,7 +98,7 @@ def task_names(written: Written, origin: str) -> list[str]:
     """Names under ``tasks``.
 
     Raises:
-        ConfigError: If they are no tasks, one is there twice, or the task is said elsewhere too.
+        ConfigError: If one of them is not a task, one is there twice, or the task is said elsewhere too.
     """
     tasks = written.values.get(TASKS_KEY)
     place = written.place((TASKS_KEY,)) or origin

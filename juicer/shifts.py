@@ -30,7 +30,7 @@ class _Shift(StrictConfig):
 
     Attributes:
         phrase: How an evaluation under it was done, as the end of a sentence.
-        is_seen_only: Whether it changes nothing but images, so that a policy without eyes cannot notice it.
+        is_seen_only: Whether it changes nothing but images, so that a policy that sees no images cannot notice it.
     """
 
     phrase: ClassVar[str]
@@ -147,10 +147,10 @@ def parse_shift(given: object) -> Shift | None:
     """A shift from what a user says.
 
     Args:
-        given: A shift, its kind and settings as a mapping or as YAML, the mere name of its kind, or None.
+        given: A shift, its kind and settings as a mapping or as YAML, the name of its kind alone, or None.
 
     Raises:
-        ConfigError: If it is no shift.
+        ConfigError: If it is not a shift.
     """
     if given is None or isinstance(given, _MODELS):
         return given

@@ -7,12 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from flows.analyses import analyse
-from flows.command.evaluate import only_task
+from flows.command.evaluate import only_task, run_on
 from flows.loop_config import LoopConfig
-from flows.running.context import open_run
-from flows.running.data_folder import open_store, prepare_folder
-from flows.running.device import check_device
-from flows.running.settings import read_settings
 from flows.terminal.output import say, say_json
 from flows.written import settled, take_written
 from juicer.artifacts.ref import ArtifactRef
@@ -28,17 +24,14 @@ def analyse_checkpoint(
     kind: str, text: str, task: str | None, overrides: Sequence[str], figure: Path | None, as_json: bool
 ) -> None:
     """``juicer analyse``."""
-    settings = read_settings()
-    check_device(settings)
-    prepare_folder(settings)
-    ref = open_store(settings).resolve(text, "checkpoint")
-    with open_run(settings, None) as run_context:
-        store = run_context.session.store
+    with run_on(text, "checkpoint") as (session, ref):
+        store = session.store
         content = {"task": task or only_task(store, ref), "analyses": {kind: {"kind": kind}}}
         written = settled(take_written(content, "analyse", overrides))
         config = parse_config(written.values, LoopConfig, "analyse", written.place)
-        session = replace(run_context.session, label=ref.id)
-        found = analyse(session, config, ref, config.analyses[kind], lambda: _demonstrations(store, ref))
+        found = analyse(
+            replace(session, label=ref.id), config, ref, config.analyses[kind], lambda: _demonstrations(store, ref)
+        )
     shown = shown_analysis(store, found, kind)
     if figure is not None and shown.png:
         _write(figure, shown.png)
@@ -49,7 +42,11 @@ def analyse_checkpoint(
     for row in (shown.columns, *shown.rows):
         say("  " + "".join(f"{cell:14}" for cell in row))
     if figure is not None:
-        say(f"the figure is in '{printable(figure)}'" if shown.png else "there is no figure, as nothing was found")
+        say(
+            f"the figure is in '{printable(figure)}'"
+            if shown.png
+            else "no figure was written: the analysis found nothing to draw"
+        )
 
 
 def _demonstrations(store: ArtifactStore, checkpoint: ArtifactRef) -> ArtifactRef:
@@ -57,7 +54,9 @@ def _demonstrations(store: ArtifactStore, checkpoint: ArtifactRef) -> ArtifactRe
     for ref, manifest in read_lineage(store, [checkpoint]).items():
         if manifest and manifest.recipe.stage == "ingest":
             return ref
-    raise ArtifactNotFound(f"the demonstrations behind {checkpoint} are not in the store, and samples are drawn in one")
+    raise ArtifactNotFound(
+        f"the demonstrations behind {checkpoint} are not in the store; samples are drawn at a step of one of them"
+    )
 
 
 def _write(path: Path, png: bytes) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +23,7 @@ from juicer.tasks.registry import get_task
 if TYPE_CHECKING:
     from juicer.artifacts.ref import ArtifactRef
     from juicer.artifacts.store import ArtifactStore
+    from stages.runtime.session import Session
 
 
 def evaluate_checkpoint(text: str, asked: Mapping[str, object], until_width: float | None, as_json: bool) -> None:
@@ -39,17 +41,12 @@ def evaluate_checkpoint(text: str, asked: Mapping[str, object], until_width: flo
     stop = None
     if until_width is not None:
         stop = parse_config({"width": until_width, "comparison": False}, StopConfig, origin="evaluate --until-width")
-    settings = read_settings()
-    check_device(settings)
-    prepare_folder(settings)
-    ref = open_store(settings).resolve(text, "checkpoint")
-    with open_run(settings, None) as run_context:
-        store = run_context.session.store
+    with run_on(text, "checkpoint") as (session, ref):
+        store = session.store
         task = asked["task"] or only_task(store, ref)
         content = {**asked, "task": task, "shift": parse_shift(asked["shift"])}
         config = parse_config(content, EvaluateConfig, origin="evaluate")
-        session = replace(run_context.session, label=ref.id)
-        evaluation = measure_alone(session, ref, config, stop)
+        evaluation = measure_alone(replace(session, label=ref.id), ref, config, stop)
     summary = store.manifest(evaluation).summary
     if as_json:
         say_json({"evaluation": str(evaluation), **summary})
@@ -61,6 +58,22 @@ def evaluate_checkpoint(text: str, asked: Mapping[str, object], until_width: flo
     )
     for name in get_task(config.task).milestones:
         say(f"  {name.replace('_', ' '):16} {summary['milestones'][name]}")
+
+
+@contextmanager
+def run_on(text: str, kind: str | None = None) -> Iterator[tuple[Session, ArtifactRef]]:
+    """A run that is not recorded, about an artifact of which the first letters of its id are given.
+
+    Raises:
+        ArtifactNotFound: If none or several answer to the text.
+        ConfigError: If this machine does not have the device that is set.
+    """
+    settings = read_settings()
+    check_device(settings)
+    prepare_folder(settings)
+    ref = open_store(settings).resolve(text, kind)
+    with open_run(settings, None) as run_context:
+        yield run_context.session, ref
 
 
 def only_task(store: ArtifactStore, checkpoint: ArtifactRef) -> str:
@@ -80,12 +93,8 @@ def only_task(store: ArtifactStore, checkpoint: ArtifactRef) -> str:
 
 def repair_artifact(text: str, files: Path | None, as_json: bool) -> None:
     """``juicer repair``."""
-    settings = read_settings()
-    check_device(settings)
-    prepare_folder(settings)
-    ref = open_store(settings).resolve(text)
-    with open_run(settings, None) as run_context:
-        repaired = list(repair(run_context.session, ref, files))
+    with run_on(text) as (session, ref):
+        repaired = list(repair(session, ref, files))
     if as_json:
         aside = {str(each.ref): each.aside for each in repaired if each.aside}
         say_json({"repaired": [str(each.ref) for each in repaired], "aside": aside})

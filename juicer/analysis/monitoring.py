@@ -133,7 +133,7 @@ class Watched:
                 yield place * self.stride, found.auc
 
     def alarms(self, false_alarm_rate: float) -> Alarms:
-        """Alarms at the first score above what so large a share of successful rollouts ever exceeds.
+        """Alarms at the first score above the one that this share of successful rollouts ever exceeds.
 
         The threshold for an episode is taken from successes of the other half of the episodes, so that the share of
         false alarms is a measurement. No rollout is watched for longer than the longest success lasts: failures last

@@ -14,7 +14,7 @@ SLICED = "sliced"
 DIRECTIONS = 200
 """Random directions of the sliced distance."""
 FLOORS = np.array([0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.01])
-"""Least standard deviation by which a dimension is divided: what spreads less is of no account to a robot."""
+"""Least standard deviation by which a dimension is divided: what spreads less makes no difference to a robot."""
 
 Samples = NDArray[np.float64]
 

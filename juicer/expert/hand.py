@@ -5,15 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from juicer.demonstration.operator import OperatorStep
 from juicer.expert.pose import Pose, Vector, turned
 from juicer.expert.sight import Sight
 from juicer.expert.skills import Command
+
+TremorM = Annotated[float, Field(ge=0, le=0.01, description="standard deviation of the tremor along each axis")]
+TremorRad = Annotated[float, Field(ge=0, le=0.1, description="the same about each axis")]
+TremorMemory = Annotated[float, Field(ge=0, lt=1, description="correlation of the tremor from one step to the next")]
 
 Decide = Callable[[Sight], Command]
 """The next command of whatever the operator is busy with, from what it sees."""

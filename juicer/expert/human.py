@@ -16,7 +16,7 @@ from pydantic import Field
 
 from juicer.config import StrictConfig
 from juicer.expert.habits import Habits
-from juicer.expert.hand import Decide, Hand, ScriptedStep, Tremor, action_of
+from juicer.expert.hand import Decide, Hand, ScriptedStep, Tremor, TremorM, TremorMemory, TremorRad, action_of
 from juicer.expert.pose import UP, Pose, length, turn_between, turned
 from juicer.expert.sight import Sight
 from juicer.expert.skills import OPEN, Command
@@ -35,13 +35,9 @@ class Human(StrictConfig):
     """An operator with a person's delays, pauses and ways. Its pauses are recorded unless it lets go of the device."""
 
     kind: Literal["human"] = "human"
-    tremor_m: float = Field(
-        default=0.5e-3, ge=0, le=0.01, description="standard deviation of the tremor along each axis"
-    )
-    tremor_rad: float = Field(default=math.radians(0.4), ge=0, le=0.1, description="the same about each axis")
-    tremor_memory: float = Field(
-        default=0.8, ge=0, lt=1, description="correlation of the tremor from one step to the next"
-    )
+    tremor_m: TremorM = 0.5e-3
+    tremor_rad: TremorRad = math.radians(0.4)
+    tremor_memory: TremorMemory = 0.8
     reaction_steps: int = Field(
         default=2, ge=0, le=5, description="greatest delay of what is seen; each demonstration has its own, from 1 on"
     )

@@ -1,7 +1,7 @@
 """A scripted operator that stands in for a human, so that everything runs from nothing.
 
-It sees what a human sees: the observation. It is no policy and is never evaluated as one. What it decides to do is in
-:mod:`juicer.expert.assembly`; what its hand makes of that is its temperament.
+It sees what a human sees: the observation. It is not a policy and is never evaluated as one. What it decides to do is
+in :mod:`juicer.expert.assembly`; what its hand makes of that is its temperament.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from juicer.config import StrictConfig
 from juicer.expert.habits import Habits
-from juicer.expert.hand import Decide, Hand, ScriptedStep, Tremor, action_of
+from juicer.expert.hand import Decide, Hand, ScriptedStep, Tremor, TremorM, TremorMemory, TremorRad, action_of
 from juicer.expert.pose import Pose
 from juicer.expert.sight import Sight
 from juicer.expert.skills import OPEN, Command
@@ -26,13 +26,9 @@ class Steady(StrictConfig):
     """An operator whose pauses are all idle, so that ingestion drops them."""
 
     kind: Literal["steady"] = "steady"
-    tremor_m: float = Field(
-        default=1.0e-3, ge=0, le=0.01, description="standard deviation of the tremor along each axis"
-    )
-    tremor_rad: float = Field(default=math.radians(0.6), ge=0, le=0.1, description="the same about each axis")
-    tremor_memory: float = Field(
-        default=0.8, ge=0, lt=1, description="correlation of the tremor from one step to the next"
-    )
+    tremor_m: TremorM = 1.0e-3
+    tremor_rad: TremorRad = math.radians(0.6)
+    tremor_memory: TremorMemory = 0.8
     tempo_spread: float = Field(
         default=0.08, ge=0, le=0.5, description="relative spread of the pace from phase to phase"
     )

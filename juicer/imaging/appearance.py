@@ -11,7 +11,7 @@ from juicer.shifts import Camera, Light, ShiftOfEpisode
 
 
 def alter(scene: mujoco.MjvScene, episode: ShiftOfEpisode, camera: str) -> None:
-    """Change lights and eyes of a scene as an episode's shift asks; whatever else that is changes nothing.
+    """Change lights and cameras of a scene as an episode's shift says; other kinds of shift change nothing.
 
     Args:
         scene: What is about to be drawn.

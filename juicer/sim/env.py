@@ -120,7 +120,7 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     ) -> None:
         """Build the scene; ``max_steps`` defaults to the task's own limit.
 
-        A shift, for evaluation, is one of :mod:`juicer.shifts`, its kind and settings as a mapping, or its mere kind.
+        A shift, for evaluation, is one of :mod:`juicer.shifts`, its kind and settings as a mapping, or its kind alone.
 
         Raises:
             ConfigError: If the task, the randomness or the render mode is unknown, ``max_steps`` is no step number, or
@@ -255,7 +255,7 @@ class AssemblyEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """Continue exactly (bit for bit) from a state that :meth:`get_state` returned.
 
         Raises:
-            InvalidEpisode: If it is no state of this scene under this shift, or of one that diverged; nothing has
+            InvalidEpisode: If it is not a state of this scene under this shift, or of one that diverged; nothing has
                 changed.
         """
         state, shift = unmarked(state, self.shift)

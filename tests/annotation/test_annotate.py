@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,20 +16,9 @@ from juicer.geometry import quat_to_matrix, relative_pose
 from juicer.gripper import next_gripper_change
 from juicer.sim.env import AssemblyEnv
 from juicer.storage.annotations import Annotation
+from tests.reader import Reader
 
 CONFIG = AnnotationConfig()
-
-
-class Reader:
-    def __init__(self, episodes: Sequence[Episode]) -> None:
-        self.episodes = episodes
-        self.records = [episode.record for episode in episodes]
-
-    def __len__(self) -> int:
-        return len(self.episodes)
-
-    def read(self, index: int) -> Episode:
-        return self.episodes[index]
 
 
 @pytest.fixture(scope="module")

@@ -19,21 +19,10 @@ from juicer.errors import ArtifactError
 from juicer.sim.env import AssemblyEnv
 from juicer.storage.annotations import Annotation
 from juicer.storage.episodes import EpisodeReader, write_episodes
+from tests.reader import Reader
 
 STEP = 16
 CONFIG = AugmentationConfig(num_snippets=3)
-
-
-class Reader:
-    def __init__(self, episodes: Sequence[Episode]) -> None:
-        self.episodes = episodes
-        self.records = [episode.record for episode in episodes]
-
-    def __len__(self) -> int:
-        return len(self.episodes)
-
-    def read(self, index: int) -> Episode:
-        return self.episodes[index]
 
 
 def critical(episode: Episode, critical_state: int = 0, confidence: float = 1.0) -> Annotation:

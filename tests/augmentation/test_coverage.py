@@ -14,7 +14,8 @@ from juicer.augmentation.plan import plan_departure
 from juicer.augmentation.reference import Reference
 from juicer.episode import Episode, Outcome, Source
 from juicer.seeding import stream
-from tests.augmentation.test_augment import Reader, critical
+from tests.augmentation.test_augment import critical
+from tests.reader import Reader
 
 PLACEMENT = CoveragePlacement(candidates=2)
 

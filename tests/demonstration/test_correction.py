@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,21 +16,10 @@ from juicer.sim.env import AssemblyEnv
 from juicer.sim.recorder import EpisodeRecorder
 from juicer.tasks.specification import AssemblyTask
 from tests.conftest import EpisodeFactory
+from tests.reader import Reader
 
 CONFIG = CorrectionConfig(corrections=1, patience_steps=10, lead_steps=5)
 STUCK_FROM = 20
-
-
-class Reader:
-    def __init__(self, episodes: Sequence[Episode]) -> None:
-        self.episodes = episodes
-        self.records = [episode.record for episode in episodes]
-
-    def __len__(self) -> int:
-        return len(self.episodes)
-
-    def read(self, index: int) -> Episode:
-        return self.episodes[index]
 
 
 @pytest.fixture(scope="module")

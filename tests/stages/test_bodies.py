@@ -701,7 +701,7 @@ def test_an_evaluation_under_a_shift_says_so_and_can_be_made_again(loop, kind):
     assert parse_shift(kept.episode.record.shift) == config.shift
 
 
-def test_a_policy_without_eyes_is_not_measured_under_another_light(loop):
+def test_a_policy_that_sees_no_images_is_not_measured_under_another_light(loop):
     config = EvaluateConfig(**SCENE, episodes=2, max_steps=12, shift={"kind": "light"})
     with pytest.raises(ConfigError, match="the policy sees no images, so it cannot notice a shift of kind 'light'"):
         evaluate(loop.session, checkpoint=loop.checkpoint, config=config)
