@@ -14,7 +14,7 @@ from juicer.episode import Outcome
 from juicer.errors import ConfigError, NothingLeft, RenderingUnavailable
 from juicer.evaluation import ConditionResult
 from juicer.reporting.analyses import AnalysisRow, shown_analyses
-from juicer.reporting.comparison import ReportRow, condition_results
+from juicer.reporting.comparison import ReportRow
 from juicer.reporting.content import EpisodeVideo
 from juicer.reporting.seen import views_of
 from juicer.reporting.varied_images import varied_images
@@ -80,14 +80,13 @@ def report(
     from juicer.study.sections import BESIDE_RATES, sections
 
     _check(evaluations, config)
-    results = condition_results(context.store, evaluations, config.rows)
     study = task_study(context.store, config.task, evaluations, config.rows, config.curves)
+    results = [each.result for each in study.measured.values()]
     videos, findings = _videos(context, evaluations, config, results)
     shown = tuple(shown_analyses(context.store, analyses, config.analyses))
     data = gather(
-        context.store,
-        evaluations,
-        config.rows,
+        study.sources,
+        results,
         title=config.title,
         task=config.task,
         sections=sections([study], BESIDE_RATES),

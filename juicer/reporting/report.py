@@ -11,8 +11,7 @@ import yaml
 
 from juicer.artifacts.commit import CHANGED, UNKNOWN
 from juicer.artifacts.ref import ArtifactRef
-from juicer.artifacts.store import ArtifactStore
-from juicer.reporting.comparison import ReportRow, condition_results
+from juicer.evaluation import ConditionResult
 from juicer.reporting.content import EpisodeVideo, NextStep, Provenance, ReportData, ShownAnalysis
 from juicer.reporting.paper import PAPER_TABLE_VI
 from juicer.reporting.section import Section
@@ -20,9 +19,8 @@ from juicer.reporting.sources import Sources
 
 
 def gather(
-    store: ArtifactStore,
-    evaluations: Sequence[ArtifactRef],
-    rows: Sequence[ReportRow],
+    sources: Sources,
+    results: Sequence[ConditionResult],
     *,
     title: str,
     task: str,
@@ -35,11 +33,8 @@ def gather(
     links: Mapping[str, str] | None = None,
 ) -> ReportData:
     """Everything the page shows; what is told beside the rates is told of the evaluations without a shift."""
-    results = condition_results(store, evaluations, rows)
-    evaluations = [ref for ref, row in zip(evaluations, rows, strict=True) if not row.shift]
-    rows = [row for row in rows if not row.shift]
-    named = {row.condition for row in rows}
-    sources = Sources(store, evaluations, rows)
+    named = {result.condition for result in results}
+    sources = sources.unshifted()
     curves = tuple(sources.curves())
     return ReportData(
         title=title,
@@ -56,9 +51,9 @@ def gather(
         analyses=analyses,
         videos=videos,
         models=tuple(sources.models()),
-        lineage=tuple(sources.lineage(evaluations)),
+        lineage=tuple(sources.lineage(sources.refs)),
         provenance=_provenance(sources, title, configuration or {}, links or {}),
-        next_steps=tuple(_next_steps(evaluations, title)),
+        next_steps=tuple(_next_steps(sources.refs, title)),
     )
 
 

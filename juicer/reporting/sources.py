@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 
 import numpy as np
 
@@ -35,6 +36,7 @@ class Sources:
     """Evaluations, and everything that they were made from.
 
     Attributes:
+        refs: What is told of.
         problems: What could not be read, a sentence each; grows while the rest is read.
     """
 
@@ -51,7 +53,7 @@ class Sources:
         """
         self._store = store
         self._rows = rows
-        self._refs = list(evaluations)
+        self.refs = list(evaluations)
         self._tables = {ref: read_evaluation(store.open(ref, "evaluation")) for ref in dict.fromkeys(evaluations)}
         self._known = read_lineage(store, evaluations)
         self._evaluations = [store.manifest(ref) for ref in evaluations]
@@ -60,6 +62,15 @@ class Sources:
             for ref, manifest in self._known.items()
             if manifest is None
         ]
+
+    def unshifted(self) -> Sources:
+        """The same of the evaluations without a shift; nothing is read again."""
+        places = [place for place, row in enumerate(self._rows) if not row.shift]
+        usual = copy(self)
+        usual._rows = [self._rows[place] for place in places]
+        usual.refs = [self.refs[place] for place in places]
+        usual._evaluations = [self._evaluations[place] for place in places]
+        return usual
 
     def facts(self) -> dict[str, str]:
         """Size of the demonstrations."""
@@ -153,7 +164,7 @@ class Sources:
 
     def lineage(self, refs: Sequence[ArtifactRef]) -> Iterator[LineageNode]:
         """Some of the evaluations and everything they were made from, each once; models are called by their names."""
-        names = dict(zip(self._refs[::-1], [row.label for row in self._rows][::-1], strict=True))
+        names = dict(zip(self.refs[::-1], [row.label for row in self._rows][::-1], strict=True))
         names |= {ref: name for evaluation, name in names.items() if (ref := self._checkpoint(evaluation))}
         yield from nodes_of({ref: self._known[ref] for ref in ancestors_of(self._known, refs)}, names)
 
@@ -189,7 +200,7 @@ class Sources:
         for row, evaluation in zip(self._rows, self._evaluations, strict=True):
             if checkpoint_of(evaluation) == checkpoint.ref:
                 return row.label, row.title
-        for row, ref in zip(self._rows, self._refs, strict=True):
+        for row, ref in zip(self._rows, self.refs, strict=True):
             if checkpoint.ref in ancestors_of(self._known, [ref]):
                 tasks = ", ".join(checkpoint.summary["tasks"])
                 return f"{row.label}, before retraining, {tasks}", f"{row.title}, before retraining"

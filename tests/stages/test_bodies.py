@@ -41,6 +41,7 @@ from juicer.policy.config import HorizonConfig
 from juicer.reporting.comparison import ReportRow
 from juicer.reporting.page import render_page
 from juicer.reporting.report import gather
+from juicer.reporting.sources import Sources
 from juicer.rollout import rollout
 from juicer.shifts import parse_shift
 from juicer.sim.env import AssemblyEnv
@@ -632,7 +633,7 @@ def test_report_on_a_model_for_several_tasks_tells_their_data_apart(loop):
     checkpoint = copied(loop.checkpoint, inputs={"episodes": data})
     evaluation = copied(loop.evaluation, inputs={"checkpoint": (checkpoint,)})
     rows = [ReportRow(condition="multitask", title="Multi-task", seed=0)]
-    told = gather(store, [evaluation], rows, title="", task="one_leg", facts={}, findings=())
+    told = gather(Sources(store, [evaluation], rows), [], title="", task="one_leg", facts={}, findings=())
     steps = summary(loop, loop.demonstrations)["steps"]
     assert told.facts["Demonstrations"] == f"one_leg 2 ({steps} steps), lamp 2 ({steps} steps)"
     assert [each.label for each in told.augmentations] == [
@@ -640,7 +641,7 @@ def test_report_on_a_model_for_several_tasks_tells_their_data_apart(loop):
         "2 corrective episodes of lamp",
     ]
     store.set_aside(of_lamp)
-    told = gather(store, [evaluation], rows, title="", task="one_leg", facts={}, findings=())
+    told = gather(Sources(store, [evaluation], rows), [], title="", task="one_leg", facts={}, findings=())
     assert told.facts["Demonstrations"] == f"2 ({steps} steps)"
     assert told.augmentations[1].label == "2 corrective episodes of demonstrations that are no longer there"
 
@@ -731,9 +732,8 @@ def test_a_report_shows_a_column_for_each_shift_and_counts_its_cost(loop):
     rows = (row, row.model_copy(update={"shift": "slippery"}))
     study = task_study(loop.store, "one_leg", (loop.evaluation, shifted), rows)
     data = gather(
-        loop.store,
-        (loop.evaluation, shifted),
-        rows,
+        study.sources,
+        [each.result for each in study.measured.values()],
         title="t",
         task="one_leg",
         sections=sections([study]),
