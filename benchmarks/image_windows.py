@@ -77,8 +77,8 @@ def stored(folder: Path, views: Mapping[str, View], steps: int) -> TrainingEpiso
     for name, view in views.items():
         columns.append(folder / "columns" / name)
         columns[-1].mkdir(parents=True)
-        with drawing_of(reader, view, workers=1) as drawing:
-            images = next(drawing.episodes())
+        with drawing_of(reader, (view,), workers=1) as drawing:
+            images = next(drawing.episodes())[view.name]
         total = len(images) * len(copies)
         write = timed(
             lambda view=view, images=images, place=columns[-1]: write_columns(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -19,8 +19,8 @@ from juicer.demonstration.log import SUFFIX
 from juicer.errors import ArtifactNotFound, ConfigError
 from juicer.policy.config import PolicyConfig
 from juicer.policy.encoders.estimated.config import EstimatedConfig
+from juicer.policy.members import EncoderConfig
 from juicer.text import printable
-from juicer.views import View
 from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import collect
@@ -197,40 +197,41 @@ def _train_jointly(
     }
     # It is one model, whichever task's run asks for it.
     first = next(iter(config.mix.values()))
-    checkpoint = _train(session, first, config.final_training(condition, seed), gathered.values())
+    checkpoint = _train(session, first, config.final_training(condition, seed), tuple(gathered.values()))
     findings = [f"{task}: {finding}" for task, data in gathered.items() for finding in data.findings]
     return checkpoint, [*findings, *_findings(session, checkpoint)]
 
 
-def _train(session: Session, config: LoopConfig, training: TrainConfig, gathered: Iterable[_Data]) -> ArtifactRef:
+def _train(session: Session, config: LoopConfig, training: TrainConfig, gathered: Collection[_Data]) -> ArtifactRef:
     """A model trained on all that was gathered, and on the images that it looks at."""
-    gathered = tuple(gathered)
     # Whole episodes first, then those of which a selection is kept; the split into families goes by this order.
-    learned = sorted((each for data in gathered for each in data.learned), key=len)
+    learned = sorted(((data, each) for data in gathered for each in data.learned), key=lambda each: len(each[1]))
     mixed = dataset(
         session,
-        episodes=tuple(episodes for episodes, *_ in learned),
-        selections=tuple(selection for _, *selections in learned for selection in selections),
-        columns=tuple(column for each in learned for column in _columns(session, training.policy, *each)),
+        episodes=tuple(episodes for _, (episodes, *_) in learned),
+        selections=tuple(selection for _, (_, *selections) in learned for selection in selections),
+        columns=tuple(column for data, each in learned for column in _columns(session, training.policy, data, *each)),
         config=config.dataset,
     )
-    estimators = tuple(ref for data in gathered for ref in _estimators(data, training.policy))
+    parts = training.policy.fixed_parts
+    estimators = tuple(ref for data in gathered for part in parts for ref in _estimators(data, part))
     return train(session, dataset=mixed, estimators=estimators, config=training)
 
 
 def _columns(
-    session: Session, policy: PolicyConfig, episodes: ArtifactRef, *selections: ArtifactRef
+    session: Session, policy: PolicyConfig, data: _Data, episodes: ArtifactRef, *selections: ArtifactRef
 ) -> Iterator[ArtifactRef]:
-    """What a policy learns from beside the arrays of the episodes: images, and features of such."""
-
-    def images(views: Iterable[View]) -> tuple[ArtifactRef, ...]:
-        return tuple(
-            render(session, episodes=episodes, selections=selections, config=RenderConfig(view=view)) for view in views
-        )
-
-    yield from images(policy.learned_views)
+    """What a policy learns from beside the arrays of the episodes: images, and what is read off such."""
+    for view in policy.learned_views:
+        yield render(session, episodes=episodes, selections=selections, config=RenderConfig(view=view))
     for part in policy.fixed_parts:
-        yield encode(session, episodes=episodes, images=images(part.views_seen), config=EncodeConfig(encoder=part))
+        yield encode(
+            session,
+            episodes=episodes,
+            selections=selections,
+            estimators=_estimators(data, part),
+            config=EncodeConfig(encoder=part),
+        )
 
 
 def _gather(session: Session, config: LoopConfig, condition: Condition, seed: int) -> _Data:
@@ -339,11 +340,11 @@ def _data(
     return replace(data, corrective=() if findings else (corrective,), findings=findings)
 
 
-def _estimators(data: _Data, policy: PolicyConfig) -> Iterator[ArtifactRef]:
-    """What a policy that estimates poses has to know before it is trained; the same for every condition and seed."""
-    for encoder in policy.observation.values():
-        if isinstance(encoder, EstimatedConfig):
-            session, loop, demonstrations = data.session, data.loop, data.demonstrations
-            annotations = annotate(session, episodes=demonstrations, labels=loop.labels, config=loop.annotate)
-            config = EstimateConfig(encoder=encoder)
-            yield estimate(session, episodes=demonstrations, annotations=annotations, config=config)
+def _estimators(data: _Data, encoder: EncoderConfig) -> tuple[ArtifactRef, ...]:
+    """What an encoder that estimates poses has to learn beforehand; the same for every condition and seed."""
+    if not isinstance(encoder, EstimatedConfig):
+        return ()
+    session, loop, demonstrations = data.session, data.loop, data.demonstrations
+    annotations = annotate(session, episodes=demonstrations, labels=loop.labels, config=loop.annotate)
+    config = EstimateConfig(encoder=encoder)
+    return (estimate(session, episodes=demonstrations, annotations=annotations, config=config),)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -126,6 +127,11 @@ def models_in(value: object) -> Iterator[BaseModel]:
     elif isinstance(value, list | tuple | set | frozenset):
         for item in value:
             yield from models_in(item)
+
+
+def short_hash(config: BaseModel) -> str:
+    """Eight digits that are equal for equal configurations, and for no others that one meets."""
+    return hashlib.sha256(canonical_json(config).encode()).hexdigest()[:8]
 
 
 def canonical_json(config: BaseModel | Mapping[str, Any]) -> str:

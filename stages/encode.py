@@ -1,9 +1,9 @@
-"""Features of images by a network that is not trained: computed once over episodes, for whoever learns from them."""
+"""What networks that are not trained read off images: computed once over episodes, for whoever learns from it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Self
 
 import numpy as np
@@ -13,14 +13,14 @@ from pydantic import model_validator
 from juicer.artifacts.manifest import HEADLINE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
+from juicer.imaging.processes import ImagesOfViews
 from juicer.policy.config import AnyEncoder
-from juicer.storage.columns import DRAWN_BY, ColumnReader, write_columns
+from juicer.policy.feature_spec import feature_spec
+from juicer.storage.columns import DRAWN_BY, write_columns
 from juicer.storage.episodes import EpisodeReader
+from juicer.storage.selections import kept_of
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
-
-BATCH = 64
-"""Steps that go through the network at once."""
 
 
 class EncodeConfig(StrictConfig):
@@ -37,49 +37,56 @@ class EncodeConfig(StrictConfig):
 
 @stage(
     kind="columns",
-    inputs={"episodes": "episodes", "images": "columns"},
-    libraries=("numpy", "torch", "zarr"),
+    inputs={"episodes": "episodes", "selections": "selection", "estimators": "estimator"},
+    libraries=("mujoco", "numpy", "torch", "zarr"),
     noun="steps with features",
     counts="steps",
     needs="device",
 )
 def encode(
-    context: StageContext, *, episodes: ArtifactRef, images: tuple[ArtifactRef, ...], config: EncodeConfig
+    context: StageContext,
+    *,
+    episodes: ArtifactRef,
+    selections: tuple[ArtifactRef, ...] = (),
+    estimators: tuple[ArtifactRef, ...] = (),
+    config: EncodeConfig,
 ) -> None:
-    """Run an encoder that is not trained over episodes and images of them."""
+    """Draw what an encoder that is not trained sees at every step of episodes, and keep what it makes of that.
+
+    Of episodes that are judged, those kept are seen. An estimator is for an encoder that estimates poses.
+    """
+    from juicer.imaging.recorded import drawing_of
     from juicer.training.fixed import FixedEncoder  # torch takes seconds to import
 
-    folders = [context.store.open(ref, "columns") for ref in images]
-    reader = EpisodeReader(context.store.open(episodes, "episodes"), folders)
-    encoder = FixedEncoder(config.encoder, context.machine.weights, context.machine.device)
-    drawn_by = sorted({name for folder in folders for name in ColumnReader(folder).drawn_by})
-    chosen = np.flatnonzero(reader.covered)
-    total = int(reader.lengths[chosen].sum())
-
-    def columns() -> Iterator[Mapping[str, NDArray[np.float32]]]:
-        done = 0
-        for (episode,) in (reader.spans([index]) for index in chosen.tolist()):
-            parts = []
-            for first in range(episode.start, episode.stop, BATCH):
-                span = slice(first, min(first + BATCH, episode.stop))
-                parts.append(encoder.columns({name: reader.steps(name, span) for name in encoder.observes}))
-                done += span.stop - span.start
-                context.progress(done, total)
-            yield {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-
-    write_columns(
-        context.draft.path,
-        encoder.specs,
-        columns(),
-        artifact=episodes.id,
-        episode_ends=reader.episode_ends,
-        covered=reader.covered,
-        drawn_by=drawn_by,
+    reader = EpisodeReader(context.store.open(episodes, "episodes"))
+    covered = kept_of(reader, (context.store.open(each, "selection") for each in selections))
+    chosen, task = np.flatnonzero(covered).tolist(), reader.records[0].task
+    encoder = FixedEncoder(
+        config.encoder,
+        {task: feature_spec(task)},
+        context.machine.weights,
+        [context.store.open(each, "estimator") for each in estimators],
+        context.machine.device,
     )
+
+    def features(steps: slice, images: ImagesOfViews) -> Mapping[str, NDArray[np.float32]]:
+        recorded = {name: reader.steps(name, steps) for name in encoder.observes if name not in images}
+        return encoder.columns({**images, **recorded})
+
+    with drawing_of(reader, config.encoder.views_seen, context.machine.workers, chosen) as drawing:
+        write_columns(
+            context.draft.path,
+            encoder.specs,
+            drawing.episodes(context.progress, features),
+            artifact=episodes.id,
+            episode_ends=reader.episode_ends,
+            covered=covered,
+            drawn_by=drawing.drawn_by,
+        )
     size = sum(math.prod(entry or 0 for entry in spec.shape) for spec in encoder.specs)
     context.draft.summary |= {
-        "steps": total,
+        "steps": drawing.num_steps,
         "arrays": [spec.name for spec in encoder.specs],
-        DRAWN_BY: drawn_by,
-        HEADLINE: f"{total} steps, {size} features each",
+        DRAWN_BY: drawing.drawn_by,
+        HEADLINE: f"{drawing.num_steps} steps, {size} features each",
     }

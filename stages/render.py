@@ -10,7 +10,7 @@ from juicer.config import StrictConfig
 from juicer.storage.columns import DRAWN_BY, write_columns
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.room import require_room
-from juicer.storage.selections import read_judgements
+from juicer.storage.selections import kept_of
 from juicer.views import View
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
@@ -37,16 +37,13 @@ def render(
 
     view = config.view
     reader = EpisodeReader(context.store.open(episodes, "episodes"))
-    judged = read_judgements(context.store.open(each, "selection") for each in selections)
-    left_out = [reader.find(identity) for identity, keep in judged.items() if not keep]
-    covered = np.ones(len(reader), bool)
-    covered[left_out] = False
-    with drawing_of(reader, view, context.machine.workers, np.flatnonzero(covered).tolist()) as drawing:
+    covered = kept_of(reader, (context.store.open(each, "selection") for each in selections))
+    with drawing_of(reader, (view,), context.machine.workers, np.flatnonzero(covered).tolist()) as drawing:
         require_room(context.draft.path, drawing.stored_bytes(), f"the images of {view} of {episodes}")
         write_columns(
             context.draft.path,
             [view.column],
-            ({view.name: images} for images in drawing.episodes(context.progress)),
+            drawing.episodes(context.progress),
             artifact=episodes.id,
             episode_ends=reader.episode_ends,
             covered=covered,

@@ -12,6 +12,7 @@ from juicer.artifacts.manifest import FINDING, OBSERVES
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.config import Seed, StrictConfig
+from juicer.errors import ConfigError
 from juicer.policy.config import PolicyConfig
 from juicer.policy.feature_spec import feature_spec
 from juicer.storage.columns import DRAWN_BY
@@ -68,6 +69,7 @@ def train(
     encoders = outline(config.policy, tasks)
     names = [spec.name for spec in encoders.training_numbers]
     groups = [Chosen(_open(context.store, group), group) for group in grouped(rows)]
+    _require_own_estimates(context.store, rows, estimators)
     curves = CurveWriter(context.draft.scratch, context.metrics)
     episodes = concatenate([read_episodes(*group, tasks, names) for group in groups])
     images = unpack_images(groups, encoders.training_images, context.draft.scratch / "images", context.progress)
@@ -109,6 +111,20 @@ def _open(store: ArtifactStore, rows: Sequence[DatasetRow]) -> EpisodeReader:
     """The artifact that some rows of a dataset are of."""
     columns = [store.open(ArtifactRef("columns", each)) for each in rows[0].columns]
     return EpisodeReader(store.open(ArtifactRef("episodes", rows[0].episodes)), columns)
+
+
+def _require_own_estimates(store: ArtifactStore, rows: Sequence[DatasetRow], estimators: Sequence[ArtifactRef]) -> None:
+    """Refuse to learn from what another estimator has seen than the one that the policy will act with.
+
+    Raises:
+        ConfigError: If a column was made with an estimator that is not given.
+    """
+    for ref in dict.fromkeys(ArtifactRef("columns", each) for row in rows for each in row.columns):
+        for other in set(store.manifest(ref).recipe.inputs.get("estimators", ())) - set(estimators):
+            raise ConfigError(
+                f"{ref} holds what {other} reads off images, and the policy is not given that estimator to act with; "
+                "give it, or make the columns again by the stage 'encode' with the estimators that are given"
+            )
 
 
 def _mixture(drawn_by: Sequence[str]) -> list[str]:

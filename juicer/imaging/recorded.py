@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
 
@@ -10,9 +10,10 @@ import numpy as np
 
 from juicer.episode import STATE_KEY
 from juicer.errors import NothingLeft
-from juicer.imaging.processes import DrawingProcesses, Images, Scenes
+from juicer.imaging.processes import DrawingProcesses, ImagesOfViews, Scenes
 from juicer.progress import Progress, silent_progress
 from juicer.sim.sections import joint_positions
+from juicer.storage.arrays import Array
 from juicer.storage.columns import CHUNK_STEPS, stored_bytes
 from juicer.storage.episodes import EpisodeReader
 from juicer.tasks.registry import get_task
@@ -23,16 +24,23 @@ BATCH = 64
 SAMPLES = 4
 """Chunks that are drawn before all others, to know what they take on the disk."""
 
+MadeOfImages = Callable[[slice, ImagesOfViews], Mapping[str, Array]]
+"""Arrays by name of the images of some steps, and which steps these are."""
+
+
+def _as_they_are(steps: slice, images: ImagesOfViews) -> ImagesOfViews:
+    return images
+
 
 @contextmanager
 def drawing_of(
-    reader: EpisodeReader, view: View, workers: int, chosen: Sequence[int] | None = None
+    reader: EpisodeReader, views: Sequence[View], workers: int, chosen: Sequence[int] | None = None
 ) -> Iterator[RecordedImages]:
-    """Draw a view of episodes of an artifact.
+    """Draw views of episodes of an artifact.
 
     Args:
         reader: The artifact.
-        view: What is drawn.
+        views: What is drawn.
         workers: Processes that draw.
         chosen: Which of its episodes; all if None.
 
@@ -47,22 +55,24 @@ def drawing_of(
         raise NothingLeft(
             f"of the {len(reader)} episodes in '{reader.folder}' none is wanted, so there is nothing to draw"
         )
-    with DrawingProcesses(reader.records[0].task, (view,), workers) as processes:
-        yield RecordedImages(reader, view, processes, chosen)
+    with DrawingProcesses(reader.records[0].task, views, workers) as processes:
+        yield RecordedImages(reader, views, processes, chosen)
 
 
 class RecordedImages:
-    """Images of a view at every step of episodes of an artifact.
+    """Images of views at every step of episodes of an artifact.
 
     Attributes:
         drawn_by: What draws them, in the words of OpenGL platforms.
-        num_steps: How many there are.
+        num_steps: How many steps there are.
     """
 
-    def __init__(self, reader: EpisodeReader, view: View, processes: DrawingProcesses, chosen: Sequence[int]) -> None:
+    def __init__(
+        self, reader: EpisodeReader, views: Sequence[View], processes: DrawingProcesses, chosen: Sequence[int]
+    ) -> None:
         """Take note of what is to be drawn; use :func:`drawing_of`."""
         self._reader = reader
-        self._view = view
+        self._views = views
         self._processes = processes
         self._task = get_task(reader.records[0].task)
         self._batches = [
@@ -80,11 +90,21 @@ class RecordedImages:
         spans = [
             slice(batch.start, min(batch.start + CHUNK_STEPS, batch.stop)) for batch in map(batches.__getitem__, places)
         ]
-        images = np.concatenate(list(self._drawn(spans)))
-        return stored_bytes(self._view.column, images) / len(images) * self.num_steps
+        samples = list(self._drawn(spans))
+        sampled: int = sum(span.stop - span.start for span in spans)
+        stored = sum(
+            stored_bytes(view.column, np.concatenate([images[view.name] for images in samples])) for view in self._views
+        )
+        return stored / sampled * self.num_steps
 
-    def episodes(self, progress: Progress = silent_progress) -> Iterator[Images]:
-        """Images ``(T, height, width, 3)`` of every episode, in order; progress counts steps.
+    def episodes(
+        self, progress: Progress = silent_progress, make: MadeOfImages = _as_they_are
+    ) -> Iterator[dict[str, Array]]:
+        """Images ``(T, height, width, 3)`` of every episode by views' names, in order, or what is made of them.
+
+        Args:
+            progress: Called with the steps done.
+            make: What is made of the images of some steps, one after another; an entry for each step.
 
         Raises:
             InvalidEpisode: If the states are not those of scenes of the task.
@@ -92,15 +112,15 @@ class RecordedImages:
         drawn = self._drawn(chain.from_iterable(self._batches))
         done = 0
         for batches in self._batches:
-            images = []
+            made = []
             for batch in batches:
-                images.append(next(drawn))
+                made.append(make(batch, next(drawn)))
                 done += batch.stop - batch.start
                 progress(done, self.num_steps)
-            yield np.concatenate(images)
+            yield {name: np.concatenate([each[name] for each in made]) for name in made[0]}
 
-    def _drawn(self, spans: Iterable[slice]) -> Iterator[Images]:
-        return (images[self._view.name] for images in self._processes.draw(map(self._scenes, spans)))
+    def _drawn(self, spans: Iterable[slice]) -> Iterator[ImagesOfViews]:
+        return self._processes.draw(map(self._scenes, spans))
 
     def _scenes(self, span: slice) -> Scenes:
         positions = joint_positions(self._task, self._reader.steps(STATE_KEY, span))

@@ -30,7 +30,10 @@ Prepared = Mapping[str, Tensor]
 
 
 class ObservationEncoder(nn.Module, ABC):
-    """Encodes observations in two parts, so that what needs no gradient is computed once for a whole dataset.
+    """Encodes observations in steps, so that what needs no gradient is computed once for a whole dataset.
+
+    What a frozen network makes of images is a column, derived once for all trainings; what has no weights is prepared
+    once for a training; the rest is learned. A policy that acts takes all of these steps at once.
 
     It is built with its configuration, the tasks of the policy, and T_o.
 
@@ -38,15 +41,17 @@ class ObservationEncoder(nn.Module, ABC):
         observations: What it sees when the policy acts; a size that depends on the task may be None.
         token_size: Number K and length C of its tokens.
         begins_with_proprioception: Whether what it prepares begins with the normalised proprioception.
+        is_taught_poses: Whether true poses of parts have taught it to read images.
     """
 
     observations: tuple[ArraySpec, ...]
     token_size: tuple[int, int]
     begins_with_proprioception: ClassVar[bool] = False
+    is_taught_poses: ClassVar[bool] = False
 
     @property
     def training_observations(self) -> tuple[ArraySpec, ...]:
-        """What it is shown in training: what it sees, unless it learns from what nobody sees when acting."""
+        """What it is shown in training: what it sees, with the columns that it derives in place of their origins."""
         return self.observations
 
     def take_estimators(self, folders: Sequence[Path]) -> None:
@@ -61,16 +66,16 @@ class ObservationEncoder(nn.Module, ABC):
     def fit(self, observations: Mapping[str, Tensor]) -> None:
         """Learn limits from :attr:`training_observations` ``(..., *shape)`` of the windows, images left out."""
 
+    def derive(self, observations: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
+        """The columns among :attr:`training_observations`, ``(..., *shape)``, of what it sees; most have none."""
+        return {}
+
     @abstractmethod
     def prepare(self, observations: Mapping[str, Tensor]) -> Part:
-        """The fixed part: ``(..., *prepared shape)`` of observations ``(..., *shape)``, row by row.
+        """What has no weights: ``(..., *prepared shape)`` of :attr:`training_observations` ``(..., *shape)``, by rows.
 
         What it takes as it is, such as images, it returns without a copy.
         """
-
-    def prepare_training(self, observations: Mapping[str, Tensor]) -> Part:
-        """The same of :attr:`training_observations`."""
-        return self.prepare(observations)
 
     @abstractmethod
     def forward(self, prepared: Any) -> Tensor:
@@ -136,15 +141,15 @@ class Encoders(nn.Module):
             "images": images,
             "state": poses,
             "proprioception": not (images or poses),
-            "poses in training": self.learns_from_unseen_poses,
+            "poses in training": self.is_taught_unseen_poses,
         }
         return ", ".join(what for what, is_so in told.items() if is_so)
 
     @property
-    def learns_from_unseen_poses(self) -> bool:
-        """Whether true poses are shown in training, and validation, that are not when the policy acts."""
-        taught, seen = ({spec.name for spec in specs} for specs in (self.training_observations, self.observations))
-        return PART_POSES in taught - seen
+    def is_taught_unseen_poses(self) -> bool:
+        """Whether true poses have taught some of it that are not shown when the policy acts."""
+        taught = any(encoder.is_taught_poses for _, encoder in self.items())
+        return taught and PART_POSES not in {spec.name for spec in self.observations}
 
     def take_estimators(self, folders: Sequence[Path]) -> None:
         """See :class:`ObservationEncoder`."""
@@ -158,13 +163,16 @@ class Encoders(nn.Module):
 
     def prepare(self, observations: Mapping[str, Tensor]) -> Prepared:
         """What every encoder prepares of observations ``(..., *shape)``, and the number of the task."""
-        return self._together({name: encoder.prepare(observations) for name, encoder in self.items()}, observations)
+        derived = {name: column for _, each in self.items() for name, column in each.derive(observations).items()}
+        return self.prepare_training({**observations, **derived})
 
     def prepare_training(self, observations: Mapping[str, Tensor]) -> Prepared:
         """The same of what they are shown in training."""
-        return self._together(
-            {name: encoder.prepare_training(observations) for name, encoder in self.items()}, observations
-        )
+        prepared: dict[str, Tensor] = {}
+        for name, encoder in self.items():
+            part = encoder.prepare(observations)
+            prepared |= {name: part} if isinstance(part, Tensor) else {f"{name}.{key}": part[key] for key in part}
+        return prepared if self.embedding is None else {**prepared, TASK_KEY: observations[TASK_KEY]}
 
     def forward(self, prepared: Prepared) -> Condition:
         """Condition of prepared rows ``(B, T_o, ...)``."""
@@ -172,12 +180,6 @@ class Encoders(nn.Module):
         if self.embedding is None:
             return condition
         return {**condition, TASK_KEY: self.embedding(prepared[TASK_KEY][:, -1].long())}
-
-    def _together(self, parts: Mapping[str, Part], shown: Mapping[str, Tensor]) -> Prepared:
-        prepared: dict[str, Tensor] = {}
-        for name, part in parts.items():
-            prepared |= {name: part} if isinstance(part, Tensor) else {f"{name}.{key}": part[key] for key in part}
-        return prepared if self.embedding is None else {**prepared, TASK_KEY: shown[TASK_KEY]}
 
 
 def outline(config: PolicyConfig, tasks: Tasks) -> Encoders:

@@ -26,8 +26,7 @@ def as_shown(observations: Mapping[str, NDArray[Any]], tasks: Tasks, task: str) 
     """Observations of one task as the network of a policy for all of ``tasks`` is shown them.
 
     Args:
-        observations: Observations ``(..., T_o, *shape)`` or ``(T, *shape)`` by name, proprioception among them; part
-            poses as the task has them.
+        observations: Observations ``(..., T_o, *shape)`` or ``(T, *shape)`` by name, proprioception among them.
         tasks: What the policy is for.
         task: Name of the task, one of these.
     """
@@ -35,7 +34,4 @@ def as_shown(observations: Mapping[str, NDArray[Any]], tasks: Tasks, task: str) 
     if len(tasks) > 1:
         steps = shown["proprioception"].shape[:-1]
         shown[TASK_KEY] = np.full((*steps, 1), list(tasks).index(task), dtype=np.float32)
-        if (poses := shown.get(PART_POSES)) is not None:
-            missing = max(map(size_of_part_poses, tasks.values())) - poses.shape[-1]
-            shown[PART_POSES] = np.pad(poses, [*[(0, 0)] * (poses.ndim - 1), (0, missing)])
     return shown

@@ -6,8 +6,11 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
+from juicer.storage.episodes import EpisodeReader
 from juicer.storage.tables import read_table, write_table
 
 _SELECTION = pa.schema({"episode_id": pa.string(), "keep": pa.bool_(), "reason": pa.string()})
@@ -30,6 +33,14 @@ def write_selection(folder: Path, rows: Iterable[SelectionRow]) -> None:
 def read_selection(folder: Path) -> list[SelectionRow]:
     """Read ``selection.parquet``."""
     return [SelectionRow(**row) for row in read_table(folder / "selection.parquet", _SELECTION)]
+
+
+def kept_of(reader: EpisodeReader, folders: Iterable[Path]) -> NDArray[np.bool_]:
+    """Whether each of an artifact's episodes is kept ``(N,)``: those that no selection judges are."""
+    left_out = [reader.find(identity) for identity, keep in read_judgements(folders).items() if not keep]
+    kept = np.ones(len(reader), bool)
+    kept[left_out] = False
+    return kept
 
 
 def read_judgements(folders: Iterable[Path]) -> dict[str, bool]:

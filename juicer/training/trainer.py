@@ -183,15 +183,10 @@ def _observes(network: PolicyNetwork, pretrained: Sequence[Pretrained]) -> str:
 
 
 def _known_before(learner: Learner, pretrained: Sequence[Pretrained]) -> dict[str, str]:
-    """Its arithmetic, where its weights came from and what may be done with them, and what it is validated on.
-
-    A policy that acts on images and is validated on poses says so: others that see images cannot be compared with it.
-    """
+    """Its arithmetic, and where its weights came from and what may be done with them."""
     facts: dict[str, str] = {"precision": learner.precision}
     if pretrained:
         facts["pretrained"] = ", ".join(f"{weights.file} ({weights.licence})" for weights, _ in pretrained)
-    if learner.network.encoders.learns_from_unseen_poses:
-        facts["validated_on"] = "true poses"
     return facts
 
 
@@ -205,7 +200,7 @@ def _checkpoint(learner: Learner, step: int, pretrained: Sequence[Pretrained]) -
         step=step,
     )
     ema = None if learner.ema is None else _on_cpu(learner.ema)
-    poses_taught = _started_from_poses(pretrained) or network.encoders.learns_from_unseen_poses
+    poses_taught = _started_from_poses(pretrained) or network.encoders.is_taught_unseen_poses
     return Checkpoint(metadata, _on_cpu(network), ema, poses_taught)
 
 

@@ -22,9 +22,6 @@ IMAGE_BYTES = 2**22
 def validate(network: PolicyNetwork, source: WindowSource) -> dict[str, float]:
     """Loss, and errors of the chunk that would be executed; always with the same windows and the same noise.
 
-    A policy that learns from true poses and acts on estimates is validated on true poses: what comes out is that of the
-    state policy within it, and no measure of what it does on images.
-
     Returns:
         ``validation/loss``; ``validation/position_error_mm``, mean distance between predicted and recorded target
         positions over the T_a executed actions; ``validation/rotation_error_deg`` likewise; and

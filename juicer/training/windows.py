@@ -50,7 +50,7 @@ class TrainingEpisodes:
 
 
 def concatenate(parts: Sequence[TrainingEpisodes]) -> TrainingEpisodes:
-    """All episodes of several arrays in one.
+    """All episodes of several arrays in one; rows whose length depends on the task are filled up with zeros.
 
     Raises:
         TrainingFailed: If there is none.
@@ -61,15 +61,20 @@ def concatenate(parts: Sequence[TrainingEpisodes]) -> TrainingEpisodes:
         return parts[0]
     starts = np.cumsum([0, *(len(part.actions) for part in parts)])
     return TrainingEpisodes(
-        observations={
-            name: np.concatenate([part.observations[name] for part in parts]) for name in parts[0].observations
-        },
+        observations={name: _end_to_end([part.observations[name] for part in parts]) for name in parts[0].observations},
         actions=np.concatenate([part.actions for part in parts]),
         episode_ends=np.concatenate([part.episode_ends + start for part, start in zip(parts, starts, strict=False)]),
         families=[family for part in parts for family in part.families],
         sources=[source for part in parts for source in part.sources],
         weights=[weight for part in parts for weight in part.weights or [1.0] * len(part.episode_ends)],
     )
+
+
+def _end_to_end(arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    if arrays[0].ndim == 2:
+        longest = max(array.shape[1] for array in arrays)
+        arrays = [np.pad(array, ((0, 0), (0, longest - array.shape[1]))) for array in arrays]
+    return np.concatenate(arrays)
 
 
 def split_episodes(

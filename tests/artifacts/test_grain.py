@@ -60,7 +60,8 @@ FROM_EVALUATION = {"evaluate", "modes", "report"}
 FROM_SELECTION = {"select", "mix", "retrain", *ANALYSES, *FROM_EVALUATION}
 FROM_TRAINING = {"train", "collect", "correct", *FROM_SELECTION}
 FROM_AUGMENTATION = {"augment", "dataset", *FROM_TRAINING}
-ESTIMATING = {"train on estimates", "evaluate estimates"}
+ON_ESTIMATES = {"train on estimates", "evaluate estimates"}
+ESTIMATING = {"encode estimates", *ON_ESTIMATES}
 FROM_ANNOTATION = {"annotate", "estimate", *ESTIMATING, *FROM_AUGMENTATION}
 LOOKING = {"look and train", "look and evaluate"}
 FROM_DRAWING = {"render", "encode", "images", "estimate", *ESTIMATING, *LOOKING}
@@ -149,7 +150,7 @@ MEMBERS = tuple(
         ("the encoder that estimates", "encoders/estimated/network.py", {"estimate", *ESTIMATING}),
         ("the encoder of images", "encoders/images/network.py", {"encode", *LOOKING}),
         ("the backbone", "backbones/patch_cnn/network.py", {"encode", "estimate", *LOOKING, *ESTIMATING}),
-        ("the head that the policies use", "heads/diffusion/network.py", FROM_TRAINING | LOOKING | ESTIMATING),
+        ("the head that the policies use", "heads/diffusion/network.py", FROM_TRAINING | LOOKING | ON_ESTIMATES),
         ("a head that they do not use", "heads/mlp/network.py", NOTHING),
         ("a denoiser that they do not use", "denoisers/mlp/network.py", NOTHING),
     )
@@ -188,7 +189,7 @@ CHANGES = (
         {"encode", "estimate"} | FROM_TRAINING | LOOKING | ESTIMATING,
     ),
     edit("a file of weights that somebody publishes", "juicer/policy/pretrained/known.py", CODE, NOTHING),
-    edit("the optimiser's loop", "juicer/training/trainer.py", CODE, FROM_TRAINING | LOOKING | ESTIMATING),
+    edit("the optimiser's loop", "juicer/training/trainer.py", CODE, FROM_TRAINING | LOOKING | ON_ESTIMATES),
     edit("how states are displaced", "juicer/estimation/perturbation.py", CODE, {"estimate", *ESTIMATING}),
     edit("how an estimator learns", "juicer/estimation/learning.py", CODE, {"estimate", *ESTIMATING}),
     edit("rollouts", "juicer/rollout.py", CODE, {"collect", "correct", *EVALUATIONS, *FROM_SELECTION}),
@@ -268,9 +269,7 @@ def loop(task: str) -> dict[str, Recipe]:
     made["memorise"] = memorise(session, episodes=demonstrations, config=MemoriseConfig())
     made["render"] = render(session, episodes=demonstrations, config=RenderConfig(view=View(camera="wrist")))
     made["images"] = dataset(session, episodes=(demonstrations,), columns=(made["render"],), config=DatasetConfig())
-    made["encode"] = encode(
-        session, episodes=demonstrations, images=(made["render"],), config=EncodeConfig(encoder=FROZEN.fixed_parts[0])
-    )
+    made["encode"] = encode(session, episodes=demonstrations, config=EncodeConfig(encoder=FROZEN.fixed_parts[0]))
     made["look and train"] = train(session, dataset=made["images"], config=TrainConfig(policy=LOOKING_POLICY))
     made["look and evaluate"] = evaluate(session, checkpoint=made["look and train"], config=EvaluateConfig(**start))
     made["annotate"] = annotate(session, episodes=demonstrations, config=AnnotationConfig())
@@ -278,9 +277,13 @@ def loop(task: str) -> dict[str, Recipe]:
     made["estimate"] = estimate(
         session, episodes=demonstrations, annotations=made["annotate"], config=EstimateConfig(encoder=estimated)
     )
+    read = {"estimators": (made["estimate"],), "config": EncodeConfig(encoder=estimated)}
+    made["encode estimates"] = encode(session, episodes=demonstrations, **read)
     made["train on estimates"] = train(
         session,
-        dataset=dataset(session, episodes=(demonstrations,), config=DatasetConfig()),
+        dataset=dataset(
+            session, episodes=(demonstrations,), columns=(made["encode estimates"],), config=DatasetConfig()
+        ),
         estimators=(made["estimate"],),
         config=TrainConfig(policy=PolicyConfig(observation={"state": estimated})),
     )

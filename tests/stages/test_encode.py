@@ -21,7 +21,9 @@ from juicer.policy.checkpoint import load_checkpoint, load_policy
 from juicer.policy.config import PolicyConfig
 from juicer.policy.network import build_policy
 from juicer.rollout import rollout
-from juicer.storage.columns import ColumnReader, write_columns
+from juicer.storage.columns import ColumnReader
+from juicer.storage.episodes import EpisodeReader
+from juicer.storage.selections import SelectionRow, write_selection
 from juicer.training.config import TrainingConfig
 from juicer.training.mixing import DatasetConfig
 from juicer.views import View
@@ -76,7 +78,7 @@ def made(drawing, folder, policy, tmp_path_factory, recording, second_recording)
     for part in policy.fixed_parts:
         drawn = tuple(render(session, episodes=episodes, config=RenderConfig(view=view)) for view in part.views_seen)
         images += drawn
-        features.append(encode(session, episodes=episodes, images=drawn, config=EncodeConfig(encoder=part)))
+        features.append(encode(session, episodes=episodes, config=EncodeConfig(encoder=part)))
     mixed = dataset(session, episodes=(episodes,), columns=tuple(features), config=DatasetConfig())
     training = TrainingConfig(steps=6, batch_size=16, warmup_steps=2, validation_fraction=0.5)
     checkpoint = train(session, dataset=mixed, config=TrainConfig(policy=policy, training=training))
@@ -113,29 +115,24 @@ def test_features_in_training_are_those_when_acting(made, policy):
             reader = ColumnReader(session.store.open(ref))
             (name,) = reader.schema.names()
             found[name] = torch.from_numpy(reader.steps(name, slice(0, 12)))
-    learned = encoder.prepare_training(columns)
+    learned = encoder.prepare(columns)
     assert learned.keys() == VIEWS.keys()
-    for name, values in encoder.prepare(seen).items():
+    for name, values in encoder.prepare(encoder.derive(seen)).items():
         np.testing.assert_allclose(values, learned[name], rtol=1e-4, atol=1e-5)
 
 
-def test_features_of_images_by_two_renderers_name_both(made, policy):
-    session, images, *_ = made
-    drawn = ColumnReader(session.store.open(images[0]))
-    (spec,) = drawn.schema
-    with session.store.create(Recipe("by hand", "columns")) as draft:
-        each = ({spec.name: part} for part in np.split(drawn.steps(spec.name), drawn.episode_ends[:-1]))
-        write_columns(
-            draft.path, [spec], each, artifact=drawn.artifact, episode_ends=drawn.episode_ends, drawn_by=["another"]
-        )
-    episodes = ArtifactRef("episodes", drawn.artifact)
-    eyes = policy.observation["eyes"]
-    both = EncodeConfig(encoder=eyes)
-    computed = encode(session, episodes=episodes, images=(draft.ref, images[1]), config=both)
-    ours = session.store.manifest(images[1]).summary["drawn_by"]
-    assert ColumnReader(session.store.open(computed)).drawn_by == tuple(sorted(["another", *ours]))
-    mixed = dataset(session, episodes=(episodes,), columns=(computed,), config=DatasetConfig())
-    assert session.store.manifest(mixed).summary["drawn_by"] == sorted(["another", *ours])
+def test_of_rollouts_that_a_selection_judges_only_those_kept_are_seen(made, policy):
+    session, _, features, _ = made
+    reader = EpisodeReader(
+        session.store.open(ArtifactRef("episodes", ColumnReader(session.store.open(features[0])).artifact))
+    )
+    records = reader.records
+    with session.store.create(Recipe("by hand", "selection")) as draft:
+        write_selection(draft.path, [SelectionRow(records[0].episode_id, keep=False, reason="failed")])
+    judged = {"episodes": ArtifactRef("episodes", reader.folder.name), "selections": (draft.ref,)}
+    computed = encode(session, **judged, config=EncodeConfig(encoder=policy.fixed_parts[0]))
+    assert ColumnReader(session.store.open(computed)).covered.tolist() == [False, True]
+    assert session.store.manifest(computed).summary["steps"] == reader.lengths[1]
 
 
 def test_what_is_learned_shares_no_features_and_what_is_computed_does(policy):

@@ -107,9 +107,9 @@ def test_every_step_is_drawn_once_and_its_column_tells_what_drew_it(demonstratio
 def test_several_processes_draw_the_same_as_one(demonstrations, images, tmp_path, monkeypatch):
     store, episodes = demonstrations
     monkeypatch.setattr(recorded, "BATCH", 50)
-    with recorded.drawing_of(EpisodeReader(store.open(episodes)), SMALL, workers=2) as drawn:
+    with recorded.drawing_of(EpisodeReader(store.open(episodes)), (SMALL,), workers=2) as drawn:
         (again,) = drawn.episodes()
-    np.testing.assert_array_equal(again, ColumnReader(store.open(images)).steps(SMALL.name))
+    np.testing.assert_array_equal(again[SMALL.name], ColumnReader(store.open(images)).steps(SMALL.name))
 
 
 def test_of_rollouts_that_a_selection_judges_only_those_kept_are_drawn(drawing, demonstrations, images):
@@ -141,7 +141,7 @@ def test_of_rollouts_that_a_selection_judges_only_those_kept_are_drawn(drawing, 
 def test_progress_counts_steps(drawing, demonstrations):
     store, episodes = demonstrations
     reader, told = EpisodeReader(store.open(episodes)), []
-    with recorded.drawing_of(reader, SMALL, workers=1) as drawn:
+    with recorded.drawing_of(reader, (SMALL,), workers=1) as drawn:
         list(drawn.episodes(lambda done, total, **facts: told.append((done, total))))
     total = int(reader.episode_ends[-1])
     assert told[-1] == (total, total)
@@ -159,7 +159,7 @@ def test_a_disk_too_small_is_told_before_with_both_sizes(drawing, demonstrations
 
 def test_the_size_that_is_told_is_that_on_the_disk(demonstrations, images):
     store, episodes = demonstrations
-    with recorded.drawing_of(EpisodeReader(store.open(episodes)), SMALL, workers=1) as drawn:
+    with recorded.drawing_of(EpisodeReader(store.open(episodes)), (SMALL,), workers=1) as drawn:
         told = drawn.stored_bytes()
     written = sum(entry.bytes for entry in store.manifest(images).files if "/c/" in entry.path)
     assert written / 3 < told < 3 * written

@@ -77,11 +77,11 @@ def stored(backbone, folder, name="mine.pth"):
     return Weights(file=name, sha256=hashlib.sha256(buffer.getvalue()).hexdigest(), licence="MIT")
 
 
-def with_features(episodes, policy, folder):
+def with_features(episodes, policy, folder, tasks=None, estimators=()):
     """Episodes with what the frozen parts of a policy make of their images."""
     shown = dict(episodes.observations)
     for part in policy.fixed_parts:
-        encoder = FixedEncoder(part, folder, "cpu")
+        encoder = FixedEncoder(part, tasks, folder, estimators, "cpu")
         shown |= encoder.columns({name: shown[name] for name in encoder.observes})
     return dataclasses.replace(episodes, observations=shown)
 
@@ -205,12 +205,13 @@ def test_what_starts_from_an_estimator_says_so_and_so_does_what_starts_from_that
 
 
 def test_a_policy_takes_its_estimator_as_it_has_learned_and_not_what_that_started_from(
-    episodes, tasks, spec, training_config, tmp_path
+    seen, tasks, spec, training_config, tmp_path
 ):
     origin = stored(build_backbone(SMALL, (16, 16)), tmp_path)
     config = estimator_of(spec, tmp_path / "estimator", weights=origin.model_dump())
     policy = policy_of().model_copy(update={"observation": {"state": config}})
     folder = tmp_path / "estimator"
-    trained = train([episodes()], policy, tasks, training_config, seed=0, estimators=[folder], weights=tmp_path)
+    learned = with_features(seen, policy, tmp_path, tasks, [folder])
+    trained = train([learned], policy, tasks, training_config, seed=0, estimators=[folder], weights=tmp_path)
     for name, value in load_estimator(folder).state_dict().items():
         assert torch.equal(trained.checkpoint.weights[f"encoders.members.0.estimators.0.{name}"], value)

@@ -15,7 +15,6 @@ from juicer.policy.encoder import Encoders
 from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
 from juicer.policy.encoders.estimated.estimator import build_estimator
 from juicer.policy.encoders.estimated.files import ESTIMATOR_FILE, WEIGHTS_FILE, load_estimator, save_estimator
-from juicer.policy.encoders.features.config import FeaturesConfig
 from juicer.policy.network import build_policy
 from juicer.views import View
 
@@ -56,34 +55,42 @@ def images(rows=6, seed=0):
     }
 
 
-def test_it_learns_from_poses_and_acts_on_images(tasks):
+def test_it_learns_from_estimates_and_acts_on_images(tasks):
     encoders = Encoders(POLICY, tasks)
-    assert [spec.name for spec in encoders.training_observations] == ["proprioception", "part_poses"]
+    assert [spec.name for spec in encoders.training_observations] == ["proprioception", CONFIG.column]
     assert [spec.name for spec in encoders.observations] == ["proprioception", *(view.name for view in VIEWS.values())]
     assert encoders.account == "images, poses in training"
     assert POLICY.learned_views == ()
+    assert POLICY.fixed_parts == (CONFIG,)
 
 
-def test_what_it_is_shown_in_training_is_what_a_state_policy_is_shown(tasks, observations):
-    state = Encoders(PolicyConfig(observation={"state": FeaturesConfig()}), tasks)
+def learned_from(encoders, observations, seed=0):
+    """What it is shown in training of steps at which it sees some images."""
+    proprioception = observations["proprioception"]
+    seen = {**observations, **images(len(proprioception), seed)}
+    return {"proprioception": proprioception, **encoders.members[0].derive(seen)}
+
+
+def test_what_it_is_shown_in_training_is_what_it_sees_when_acting(tmp_path, tasks, observations, estimator):
     encoders = Encoders(POLICY, tasks)
-    for each in (state, encoders):
-        each.fit(observations)
-    torch.testing.assert_close(
-        encoders.prepare_training(observations)["state"], state.prepare(observations)["state"], rtol=0, atol=0
-    )
+    encoders.take_estimators(kept(tmp_path, estimator))
+    shown = learned_from(encoders, observations)
+    encoders.fit(shown)
+    learned = encoders.prepare_training(shown)["state"]
+    assert learned.abs().max() <= 1 + 1e-5
+    acting = encoders.prepare({"proprioception": observations["proprioception"], **images()})["state"]
+    torch.testing.assert_close(acting, learned, rtol=0, atol=0)
 
 
 def test_estimates_go_through_the_policys_own_limits_and_clip(tmp_path, tasks, observations, estimator):
     encoders = Encoders(POLICY, tasks)
     encoders.take_estimators(kept(tmp_path, estimator))
-    encoders.fit(observations)
+    encoders.fit(learned_from(encoders, observations, seed=1))
     shown = {"proprioception": observations["proprioception"], **images()}
     seen = encoders.prepare(shown)["state"]
     limits = encoders.members[0].features.normalizers[0]
     expected = limits.normalize(estimator(shown)).clamp(-CONFIG.features.clip, CONFIG.features.clip)
     torch.testing.assert_close(seen, expected)
-    torch.testing.assert_close(seen[..., :16], encoders.prepare_training(observations)["state"][..., :16])
 
 
 def test_the_estimator_is_no_part_of_what_is_learned(tasks):
@@ -99,7 +106,8 @@ def test_a_policy_of_several_tasks_has_an_estimator_for_each(tmp_path, spec, obs
     encoders.take_estimators(
         kept(tmp_path, *(build_estimator(CONFIG, *each, seed) for seed, each in enumerate(tasks.items())))
     )
-    encoders.fit({**observations, "task": torch.arange(6).remainder(2).reshape(6, 1, 1).float()})
+    number = torch.arange(6).remainder(2).reshape(6, 1, 1).float()
+    encoders.fit({**learned_from(encoders, {**observations, "task": number}), "task": number})
     first, second = (
         encoders.prepare(
             {"proprioception": observations["proprioception"], **images(), "task": torch.full((6, 1, 1), task)}
@@ -133,7 +141,7 @@ def test_of_two_estimators_that_fit_none_is_taken(tmp_path, tasks, spec):
 def test_a_checkpoint_acts_without_anything_beside_it(tmp_path, tasks, observations, estimator):
     network = build_policy(POLICY, tasks, seed=0)
     network.encoders.take_estimators(kept(tmp_path, estimator))
-    network.encoders.fit(observations)
+    network.encoders.fit(learned_from(network.encoders, observations))
     metadata = CheckpointMetadata(policy=POLICY, tasks=tasks, acting_weights="raw", step=1)
     save_checkpoint(tmp_path / "checkpoint", Checkpoint(metadata, network.state_dict(), None))
     policy = load_checkpoint(tmp_path / "checkpoint").policy("toy")

@@ -73,7 +73,8 @@ def test_what_is_prepared_is_flat_so_that_anybody_can_take_rows_of_it(tasks, obs
 def test_what_is_trained_is_trained_in_every_view_and_what_is_frozen_in_none(tasks):
     for frozen in (False, True):
         encoder = build_encoder(ImagesConfig(views=VIEWS, backbone=FILED, frozen=frozen), tasks, obs_horizon=2)
-        encoder(encoder.prepare(images_of(encoder))).sum().backward()
+        images = images_of(encoder)
+        encoder(encoder.prepare({**images, **encoder.derive(images)})).sum().backward()
         assert len(encoder.backbones) == (1 if frozen else 2)
         assert all((each.grad is None) is frozen for each in encoder.backbones.parameters())
         assert all(each.grad is not None for each in encoder.projections.parameters())
@@ -192,7 +193,9 @@ def test_what_is_frozen_sees_the_middle_of_an_image_and_no_variation():
     edges = images.clone()
     edges[:, :, :8] = 0
     seen = [
-        encoder.train(mode).prepare({view.name: each})["front"] for mode in (True, False) for each in (images, edges)
+        encoder.train(mode).derive({view.name: each})[config.column("front")]
+        for mode in (True, False)
+        for each in (images, edges)
     ]
     for other in seen[1:]:
         torch.testing.assert_close(other, seen[0])

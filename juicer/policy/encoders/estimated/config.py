@@ -6,7 +6,7 @@ from typing import ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from juicer.config import StrictConfig
+from juicer.config import StrictConfig, short_hash
 from juicer.displacements import Displacements
 from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 from juicer.policy.encoders.features.config import FeaturesConfig
@@ -57,7 +57,7 @@ class EstimatorConfig(StrictConfig):
 
 
 class EstimatedConfig(EncoderConfig):
-    """Features of a state, true ones in training, estimated from images and proprioception when acting."""
+    """Features of a state, estimated from images and proprioception by a network that has learned beforehand."""
 
     network: ClassVar[str] = "juicer.policy.encoders.estimated.network:EstimatedEncoder"
 
@@ -67,8 +67,18 @@ class EstimatedConfig(EncoderConfig):
 
     @property
     def learned_views(self) -> tuple[View, ...]:
-        """None: a policy learns from true poses, and its estimator draws what it needs."""
+        """None: a policy learns from what was estimated."""
         return ()
+
+    @property
+    def fixed_parts(self) -> tuple[EstimatedConfig, ...]:
+        """All of it."""
+        return (self,)
+
+    @property
+    def column(self) -> str:
+        """Name of the estimates: the same for the same estimator, and for no other."""
+        return f"{self.kind}_{short_hash(self)}"
 
     def rough_features(self) -> int:
         """See :class:`juicer.policy.members.EncoderConfig`."""

@@ -25,6 +25,10 @@ class FeatureEncoder(ObservationEncoder):
     """State features, a token an observed step; normalised task by task, or by limits that all tasks share.
 
     Tasks differ in their number of parts and features: rows are as long as the longest need, zero behind the others.
+
+    Attributes:
+        specs: Numbers of each task.
+        lengths: How many features each task has.
     """
 
     observations = (SIMULATOR["proprioception"], SIMULATOR["part_poses"])
@@ -34,15 +38,21 @@ class FeatureEncoder(ObservationEncoder):
         super().__init__()
         self.specs = tuple(tasks.values())
         self.config = config
-        lengths = [num_features(spec, config) for spec in self.specs]
-        self.token_size = (obs_horizon, max(lengths))
+        self.lengths = [num_features(spec, config) for spec in self.specs]
+        longest = max(self.lengths)
+        self.token_size = (obs_horizon, longest)
         shared = config.normalisation == "together"
-        self.normalizers = nn.ModuleList(Normalizer((size,)) for size in ([max(lengths)] if shared else lengths))
+        self.normalizers = nn.ModuleList(Normalizer((size,)) for size in ([longest] if shared else self.lengths))
 
     def fit(self, observations: Mapping[str, Tensor]) -> None:
         """Take the limits of every feature, over the tasks that share a normaliser and have the feature."""
+        self.fit_to(observations, self._true)
+
+    def fit_to(self, observations: Mapping[str, Tensor], features_of: FeaturesOf) -> None:
+        """The same of features that a function yields of a task, by its number, and observations of it."""
         limits: dict[Normalizer, list[tuple[Tensor, Tensor]]] = {}
-        for normalizer, features, _ in self._of_each_task(observations, self._true):
+        for task, shown, _ in self.by_task(observations):
+            normalizer, features = self._normalizer(task), features_of(task, shown)
             rows = features.reshape(-1, features.shape[-1])
             absent = (0, len(normalizer.offset) - rows.shape[-1])
             low, high = rows.amin(dim=0), rows.amax(dim=0)
@@ -62,7 +72,8 @@ class FeatureEncoder(ObservationEncoder):
         """The same of features that a function yields of a task, by its number, and observations of it."""
         proprioception = observations["proprioception"]
         state = proprioception.new_zeros(*proprioception.shape[:-1], self.token_size[1])
-        for normalizer, features, rows in self._of_each_task(observations, features_of):
+        for task, own, rows in self.by_task(observations):
+            normalizer, features = self._normalizer(task), features_of(task, own)
             size = features.shape[-1]
             normalised = (features - normalizer.offset[:size]) / normalizer.scale[:size]
             state[(rows, slice(size))] = normalised.clamp(-self.config.clip, self.config.clip)
@@ -72,18 +83,19 @@ class FeatureEncoder(ObservationEncoder):
         """The features themselves."""
         return prepared
 
-    def _true(self, task: int, observations: Mapping[str, Tensor]) -> Tensor:
-        return state_features(observations, self.specs[task], self.config)
-
-    def _of_each_task(
-        self, observations: Mapping[str, Tensor], features_of: FeaturesOf
-    ) -> Iterator[tuple[Normalizer, Tensor, Any]]:
-        """For every task that is there its normaliser, the features of its rows, and where these rows are."""
+    def by_task(self, observations: Mapping[str, Tensor]) -> Iterator[tuple[int, dict[str, Tensor], Any]]:
+        """For every task that is there its number, the observations of its rows, and where these rows are."""
         for task in range(len(self.specs)):
-            normalizer = self.normalizers[task % len(self.normalizers)]
-            assert isinstance(normalizer, Normalizer)
             rows = ... if len(self.specs) == 1 else observations[TASK_KEY][..., 0] == task
             if rows is not ... and not bool(rows.any()):
                 continue
             own = {name: values[rows] for name, values in observations.items() if name != TASK_KEY}
-            yield normalizer, features_of(task, own), rows
+            yield task, own, rows
+
+    def _true(self, task: int, observations: Mapping[str, Tensor]) -> Tensor:
+        return state_features(observations, self.specs[task], self.config)
+
+    def _normalizer(self, task: int) -> Normalizer:
+        normalizer = self.normalizers[task % len(self.normalizers)]
+        assert isinstance(normalizer, Normalizer)
+        return normalizer

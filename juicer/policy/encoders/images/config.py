@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from juicer.config import StrictConfig, canonical_json
+from juicer.config import StrictConfig, short_hash
 from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
 from juicer.policy.image_augmentation.config import ImageAugmentation
 from juicer.policy.members import BACKBONES, BackboneConfig, EncoderConfig, Size
@@ -117,8 +116,7 @@ class ImagesConfig(EncoderConfig):
 
     def column(self, name: str) -> str:
         """Name of the features of a view: the same for the same features, and for no others."""
-        content = hashlib.sha256(canonical_json(self._part(name)).encode()).hexdigest()
-        return f"{self.views[name].camera}_{self.backbone.kind}_{content[:8]}"
+        return f"{self.views[name].camera}_{self.backbone.kind}_{short_hash(self._part(name))}"
 
     def _part(self, name: str) -> Self:
         crops = {"only": self.crops[name]} if name in self.crops else {}

@@ -55,18 +55,20 @@ class ImagesEncoder(ObservationEncoder):
         names = dict.fromkeys(map(self.config.column, self.views))
         return tuple(ArraySpec(name, (self.config.backbone.num_features,), "float32", Role.DERIVED) for name in names)
 
+    def derive(self, observations: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
+        """Features ``(..., C)`` of the views, of a backbone that is frozen."""
+        if not self.frozen:
+            return {}
+        return {
+            self.config.column(name): self._features(0, name, observations[view.name])
+            for name, view in self.views.items()
+        }
+
     def prepare(self, observations: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
         """By the names of the views the images themselves, or their features ``(..., C)``."""
-        images = {name: observations[view.name] for name, view in self.views.items()}
-        if not self.frozen:
-            return images
-        return {name: self._features(0, name, values) for name, values in images.items()}
-
-    def prepare_training(self, observations: Mapping[str, Tensor]) -> Mapping[str, Tensor]:
-        """The same of what it is shown in training."""
-        if not self.frozen:
-            return self.prepare(observations)
-        return {name: observations[self.config.column(name)] for name in self.views}
+        if self.frozen:
+            return {name: observations[self.config.column(name)] for name in self.views}
+        return {name: observations[view.name] for name, view in self.views.items()}
 
     def forward(self, prepared: Mapping[str, Tensor]) -> Tensor:
         """Tokens ``(B, T_o V, C)`` of what was prepared ``(B, T_o, ...)`` of V views; all views of a step together."""
