@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from juicer.episode import Role
+from juicer.errors import ArtifactError
 from juicer.policy.tasks import Tasks, as_shown
 from juicer.storage.arrays import Array
 from juicer.storage.dataset import DatasetRow
@@ -36,6 +37,12 @@ def read_episodes(
         return np.concatenate([reader.steps(name, span) for span in spans])
 
     names = reader.schema.names(Role.OBSERVATION) if names is None else names
+    for name in names:
+        if name not in reader.schema:
+            raise ArtifactError(
+                f"the policy learns from '{name}', and the dataset has neither such an array nor such a column of the "
+                f"episodes in '{reader.folder}'; make the column by the stage 'encode', or run the whole loop"
+            )
     return TrainingEpisodes(
         observations=as_shown({name: steps(name) for name in names}, tasks, rows[0].task),
         actions=steps("action"),

@@ -80,6 +80,40 @@ def test_every_condition_runs_on_images_by_naming_a_preset(tmp_path, preset, vie
     assert (counts["render"], counts["train"], counts["evaluate"]) == (views * len(episodes), turns, 1)
 
 
+@pytest.mark.parametrize("condition", ["ta_ci", "state_noise", "mlp_chunked", "mlp_unchunked"])
+def test_every_condition_learns_from_what_one_estimator_sees_in_all_of_its_episodes(tmp_path, condition):
+    (run,) = parse_runs({"base": "laptop_image", "condition": condition}, "here")
+    planned = plan(ArtifactStore(tmp_path), run)
+    (estimator,) = {entry.ref for entry in planned if entry.stage == "estimate"}
+    inputs = [entry.call.recipe.inputs for entry in planned if entry.stage == "encode"]
+    assert all(each["estimators"] == (estimator,) for each in inputs)
+    learned = [entry.call.recipe.inputs for entry in planned if entry.stage == "dataset"]
+    assert {ref for each in inputs for ref in each["episodes"]} == {ref for each in learned for ref in each["episodes"]}
+    assert {ref for each in inputs for ref in each.get("selections", ())} == {
+        ref for each in learned for ref in each.get("selections", ())
+    }
+    assert all(len(each["columns"]) == len(each["episodes"]) for each in learned)
+    assert all(entry.call.recipe.inputs["estimators"] == (estimator,) for entry in planned if entry.stage == "train")
+    assert not [entry for entry in planned if entry.stage == "render"]
+
+
+def test_one_model_for_several_tasks_learns_from_what_the_estimator_of_each_sees(tmp_path):
+    runs = parse_runs({"base": "laptop_image", "tasks": ["one_leg", "lamp"], "condition": "multitask"}, "here")
+    planned = plan(ArtifactStore(tmp_path), runs[0])
+    made = {entry.ref: entry.call.recipe for entry in planned}
+    joint = [recipe for recipe in made.values() if recipe.stage == "train"][-1]
+    assert len(joint.inputs["estimators"]) == 2
+    read = [made[ref] for ref in made[joint.inputs["dataset"][0]].inputs["columns"]]
+    tasks = {ref: made[ref].inputs["episodes"] for ref in joint.inputs["estimators"]}
+    assert {ref for recipe in read for ref in recipe.inputs["estimators"]} == set(tasks)
+    for estimator, demonstrations in tasks.items():
+        own = [recipe for recipe in read if recipe.inputs["estimators"] == (estimator,)]
+        assert demonstrations in [recipe.inputs["episodes"] for recipe in own]
+        assert not set(demonstrations) & {
+            ref for recipe in read if recipe not in own for ref in recipe.inputs["episodes"]
+        }
+
+
 def test_one_model_for_several_tasks_learns_from_the_images_of_all(tmp_path):
     runs = parse_runs({"base": "laptop_image_e2e", "tasks": ["one_leg", "lamp"], "condition": "multitask"}, "here")
     planned = plan(ArtifactStore(tmp_path), runs[0])

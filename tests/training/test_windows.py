@@ -102,6 +102,18 @@ def test_no_episodes_are_refused():
         concatenate([])
 
 
+def test_rows_of_tasks_are_brought_to_one_length():
+    def of(width):
+        return TrainingEpisodes(
+            {"poses": np.full((3, width), 1.0), "image": np.zeros((3, 4, 4, 3), np.uint8)},
+            np.zeros((3, 10), np.float32), np.array([3]), ["family"], ["teleop"],
+        )  # fmt: skip
+
+    both = concatenate([of(2), of(4)]).observations
+    assert both["poses"].tolist() == [[1, 1, 0, 0]] * 3 + [[1, 1, 1, 1]] * 3
+    assert both["image"].shape == (6, 4, 4, 3)
+
+
 def test_arrays_of_different_lengths_are_refused(episodes):
     good = episodes()
     with pytest.raises(TrainingFailed, match="have lengths"):

@@ -1,1 +1,1 @@
-"""Features of a state as an estimator reads them off images; learned from true poses, never shown them when acting."""
+"""Features of a state as an estimator reads them off images; taught with true poses, which no policy sees."""
