@@ -43,28 +43,22 @@ class Coverage:
         """
         self.placement = placement
         self._references = references
-        self._failed: KDTree | None = None
-        self._offsets = [self._offset(each.phase, each.pose) for each in references]
-        self._visited = _tree(self._offsets)
+        self._visited = _Offsets(self._offset(each.phase, each.pose) for each in references)
+        self._failed = _Offsets()
 
     def visit(self, returns: Iterable[tuple[NDArray[np.floating[Any]], Reference]]) -> None:
         """Note the poses ``(N, 9)`` on the ways back of snippets to their critical states."""
-        self._note(self._offset(poses, reference.pose) for poses, reference in returns)
+        self._visited.add(self._offset(poses, reference.pose) for poses, reference in returns)
 
-    def look_at(self, rollouts: Iterable[Episode]) -> None:
-        """Note where successful rollouts went, and where the others ended.
+    def look_at(self, rollout: Episode) -> None:
+        """Note where a successful rollout went, or where another ended.
 
         A rollout has no critical state of its own: its poses are compared with the nearest demonstrated one.
         """
-        failed = []
-        visited = []
-        for rollout in rollouts:
-            if rollout.record.outcome is Outcome.SUCCESS:
-                visited.append(self._nearby(rollout, slice(None)))
-            else:
-                failed.append(self._nearby(rollout, slice(-1, None)))
-        self._note(visited)
-        self._failed = _tree(failed)
+        if rollout.record.outcome is Outcome.SUCCESS:
+            self._visited.add([self._nearby(rollout, slice(None))])
+        else:
+            self._failed.add([self._nearby(rollout, slice(-1, None))])
 
     def choose(self, drawn: Iterator[NDArray[np.float64]], reference: Reference) -> NDArray[np.float64]:
         """The departure that leads farthest away from everything visited, rather close to where rollouts failed.
@@ -77,14 +71,10 @@ class Coverage:
         candidates = list(islice(drawn, self.placement.candidates))
         ends = np.array([each[-1] if len(each) else reference.pose for each in candidates])
         offsets = self._offset(ends, reference.pose)
-        wanted = _distance(self._visited, offsets)
-        if self._failed is not None:
-            wanted = wanted / (1.0 + _distance(self._failed, offsets))
+        wanted = self._visited.distance(offsets)
+        if self._failed:
+            wanted = wanted / (1.0 + self._failed.distance(offsets))
         return candidates[int(np.argmax(wanted))]
-
-    def _note(self, offsets: Iterable[Array]) -> None:
-        self._offsets += offsets
-        self._visited = _tree(self._offsets)
 
     def _nearby(self, rollout: Episode, steps: slice) -> Array:
         """Offsets of a rollout's poses near the critical state, while the gripper does what it does there."""
@@ -104,16 +94,28 @@ class Coverage:
         return np.concatenate([moved, matrix_to_rotvec(turned) / math.radians(self.placement.rotation_deg)], axis=1)
 
 
-def _tree(offsets: Sequence[Array]) -> KDTree | None:
-    from scipy.spatial import KDTree  # takes half a second to import
+class _Offsets:
+    """Offsets ``(N, 6)``, of which the nearest one is found quickly."""
 
-    points = np.concatenate([np.empty((0, 6)), *offsets])
-    return KDTree(points) if len(points) else None
+    def __init__(self, parts: Iterable[Array] = ()) -> None:
+        self._parts = list(parts)
+        self._tree: KDTree | None = None
 
+    def __bool__(self) -> bool:
+        return any(map(len, self._parts))
 
-def _distance(tree: KDTree | None, offsets: Array) -> Array:
-    """Distance of each offset from the nearest one in a tree; infinitely far from none."""
-    return np.full(len(offsets), np.inf) if tree is None else np.asarray(tree.query(offsets)[0])
+    def add(self, parts: Iterable[Array]) -> None:
+        self._parts += parts
+        self._tree = None
+
+    def distance(self, offsets: Array) -> Array:
+        """Distance of each offset from the nearest of these; infinitely far from none."""
+        from scipy.spatial import KDTree  # takes half a second to import
+
+        if not self:
+            return np.full(len(offsets), np.inf)
+        self._tree = self._tree or KDTree(np.concatenate(self._parts))
+        return np.asarray(self._tree.query(offsets)[0])
 
 
 def coverages(
@@ -121,11 +123,7 @@ def coverages(
 ) -> dict[int, Coverage]:
     """Coverage of each critical state by demonstrations and rollouts."""
     found = {state: Coverage(placement, references) for state, references in by_state.items()}
-    for coverage in found.values() if rollouts else ():
-        coverage.look_at(_episodes(rollouts))
+    for rollout in (reader.read(number) for reader in rollouts for number in range(len(reader))):
+        for coverage in found.values():
+            coverage.look_at(rollout)
     return found
-
-
-def _episodes(rollouts: Sequence[DemonstrationReader]) -> Iterator[Episode]:
-    for reader in rollouts:
-        yield from (reader.read(number) for number in range(len(reader)))

@@ -56,13 +56,13 @@ def test_what_the_demonstration_did_around_its_critical_state_counts_as_visited(
 def test_more_snippets_begin_where_rollouts_failed(reference: Reference, insertions: list[Episode]):
     coverage = Coverage(PLACEMENT, [reference])
     assert chosen(coverage, reference, 0.02, -0.021) == -0.021
-    coverage.look_at([rollout(insertions[0], Outcome.TIMEOUT, 17, along_x_m=0.02)])
+    coverage.look_at(rollout(insertions[0], Outcome.TIMEOUT, 17, along_x_m=0.02))
     assert chosen(coverage, reference, 0.02, -0.021) == 0.02
 
 
 def test_a_place_where_rollouts_succeeded_is_not_visited_again(reference: Reference, insertions: list[Episode]):
     coverage = Coverage(PLACEMENT, [reference])
-    coverage.look_at([rollout(insertions[0], Outcome.SUCCESS, 17, along_x_m=0.02)])
+    coverage.look_at(rollout(insertions[0], Outcome.SUCCESS, 17, along_x_m=0.02))
     assert chosen(coverage, reference, 0.02, 0.01) == 0.01
 
 
@@ -72,7 +72,7 @@ def test_rollouts_that_hold_nothing_where_the_demonstration_holds_a_part_tell_no
     opened = rollout(insertions[0], Outcome.TIMEOUT, 17, along_x_m=0.02)
     opened.steps["action"][:, 9] = -1
     coverage = Coverage(PLACEMENT, [reference])
-    coverage.look_at([opened])
+    coverage.look_at(opened)
     assert chosen(coverage, reference, 0.02, -0.021) == -0.021
 
 
