@@ -17,6 +17,8 @@ from flows.command.arguments import (
     Conditions,
     ConfigFile,
     Configuration,
+    EpisodeName,
+    Episodes,
     Overrides,
     Seeds,
     ShiftKind,
@@ -283,13 +285,8 @@ def analyse(
 
 @app.command()
 def replay(
-    episodes: Annotated[
-        str, typer.Argument(metavar="EPISODES", help="Id of episodes or of an evaluation, or its first letters.")
-    ],
-    episode: Annotated[
-        str,
-        typer.Option("--episode", "-k", help="Which one: its number, counted from 0, its id, or the name of its log."),
-    ] = "0",
+    episodes: Episodes,
+    episode: EpisodeName = "0",
     video: Annotated[
         Path | None,
         typer.Option("--video", help="Video to write, EPISODES-EPISODE.mp4 if left out; stills go beside it as PNG."),
@@ -308,6 +305,23 @@ def replay(
     from flows.command.replay import replay_episode
 
     replay_episode(episodes, episode, video, camera, size, speed, as_json)
+
+
+@app.command()
+def view(
+    episodes: Episodes,
+    episode: EpisodeName = "0",
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Recording to write, EPISODES-EPISODE.rrd if left out."),
+    ] = None,
+    opens: Annotated[bool, typer.Option("--open/--no-open", help="Open the viewer, or only write the file.")] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Look at any episode in the store in Rerun: images, poses and numbers over its steps."""
+    from flows.command.view import view_episode
+
+    view_episode(episodes, episode, output, opens, as_json)
 
 
 @app.command()

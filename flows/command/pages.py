@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING
 
 from flows.running.data_folder import open_store, prepare_folder
-from flows.running.services import find_services
+from flows.running.services import Pages, announce, find_pages, find_services, only_one
 from flows.running.settings import Settings, read_settings
 from flows.servers.addresses import LOOPBACK, listen, port_of
 from flows.servers.guard import Guard, host_names, loopback_names
 from flows.servers.secret import credentials_of
 from flows.terminal.output import say, say_json
+from juicer.errors import ServiceUnavailable
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp
@@ -26,7 +27,7 @@ def serve_pages(port: int | None, as_json: bool) -> None:
     """Serve until Ctrl-C.
 
     Raises:
-        ServiceUnavailable: If the port is in use, or the data folder cannot be written.
+        ServiceUnavailable: If the pages are served already, the port is in use, or the data folder cannot be written.
     """
     import uvicorn
 
@@ -34,7 +35,11 @@ def serve_pages(port: int | None, as_json: bool) -> None:
 
     settings = read_settings()
     prepare_folder(settings)
-    with listen(port, PORT, "juicer's pages") as listener:
+    with ExitStack() as stack:
+        if not stack.enter_context(only_one(settings.folder, Pages)):
+            where = find_pages(settings.folder)
+            raise ServiceUnavailable(f"the pages are already served{f' at {where}' if where else ''}")
+        listener = stack.enter_context(listen(port, PORT, "juicer's pages"))
         address, token = f"http://{LOOPBACK}:{port_of(listener)}", token_of(settings)
         server = uvicorn.Server(
             uvicorn.Config(
@@ -46,6 +51,7 @@ def serve_pages(port: int | None, as_json: bool) -> None:
                 timeout_graceful_shutdown=SHUTDOWN_SECONDS,
             )
         )
+        stack.enter_context(announce(settings.folder, Pages(address)))
         if as_json:
             say_json({"pages": address, "token": token})
         else:

@@ -31,8 +31,8 @@ FRAME_HEIGHT = FRONT_HEIGHT + WRIST_HEIGHT
 STILL_HEIGHT, STILL_WIDTHS = 360, {FRONT_CAMERA: 480, WRIST_CAMERA: 640}
 
 _SMALL = (
-    View(camera=FRONT_CAMERA, width=FRAME_WIDTH, height=FRONT_HEIGHT),
-    View(camera=WRIST_CAMERA, width=FRAME_WIDTH, height=WRIST_HEIGHT),
+    View(camera="front", width=FRAME_WIDTH, height=FRONT_HEIGHT),
+    View(camera="wrist", width=FRAME_WIDTH, height=WRIST_HEIGHT),
 )
 _NOWHERE = np.zeros(3, np.float32)
 """Where a gaze crop would be; these views have none."""

@@ -10,6 +10,7 @@ from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ArtifactError
+from juicer.pages.addresses import lineage_of
 from juicer.pages.browsing.catalog import Contents
 from juicer.pages.browsing.previews import preview
 from juicer.reporting.content import LineageNode
@@ -51,13 +52,8 @@ def graph_around(store: ArtifactStore, contents: Contents, ref: ArtifactRef) -> 
     order = parents_first(nearest, lambda each: [parent for parent in parents_of(each) if parent in shown])
     manifests = {each: _manifest(store, each) for each in order}
     nodes = [*nodes_of(manifests, {})]
-    boxes = Boxes(link=address_of, previews=_previews(store, manifests), chosen=str(ref))
+    boxes = Boxes(link=lambda node: lineage_of(node.id), previews=_previews(store, manifests), chosen=str(ref))
     return Graph(lineage_graph(nodes, boxes, shrinks=False), nodes, len(distances) - len(nearest))
-
-
-def address_of(node: LineageNode) -> str:
-    """Page of an artifact's lineage."""
-    return f"/lineage?artifact={node.id}"
 
 
 def _distances(ref: ArtifactRef, neighbours: Neighbours) -> dict[ArtifactRef, int]:
