@@ -60,11 +60,11 @@ def _open(path: Path, as_json: bool) -> None:
         if not as_json:
             source = quote(f"rerun+http://{LOOPBACK}:{data}/proxy", safe="")
             say(f"open http://{LOOPBACK}:{pages}?url={source} in a browser of this machine; Ctrl-C ends it")
-    with suppress(KeyboardInterrupt), subprocess.Popen(program, env={"RUST_LOG": "error", **os.environ}) as viewer:
+    with suppress(KeyboardInterrupt), subprocess.Popen(program, env={"RUST_LOG": "error", **os.environ}) as process:
         try:
-            status = viewer.wait()
+            status = process.wait()
         finally:
-            viewer.terminate()
+            process.terminate()
         if status:
             raise ServiceUnavailable(
                 f"Rerun ended with status {status}; '{path}' is written, open it with another viewer"

@@ -1,21 +1,35 @@
-"""What a store holds, a line an artifact, kept in memory: a manifest is read and checked once, not for every page."""
+"""What a store holds, a line an artifact: a manifest is read and checked once, not for every page.
+
+To check ten thousand takes a minute. The newest come first, pages show what is known by then, and the lines are kept in
+a file for the next start.
+"""
 
 from __future__ import annotations
 
+import logging
+import os
 import threading
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import lru_cache
+from pathlib import Path
 from typing import Self
+
+from pydantic import TypeAdapter
 
 from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ArtifactError, ArtifactNotFound
+from juicer.reading import read_bounded
 
 PATIENCE_SECONDS = 1.0
 """How long a page waits for manifests that were never read, of which a large store has more than it can wait for."""
+FILE = ".pages-catalog.json"
+MOST_BYTES = 2**28
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -102,10 +116,11 @@ class Catalog:
     anew each time, as it may have been repaired.
     """
 
-    def __init__(self, store: ArtifactStore) -> None:
-        """Know nothing yet."""
+    def __init__(self, store: ArtifactStore, folder: Path) -> None:
+        """Know what an earlier one wrote into a folder, which may be nothing."""
         self._store = store
-        self._entries: dict[ArtifactRef, Entry] = {}
+        self._file = folder / FILE
+        self._entries = _kept(self._file)
         self._lock = threading.Lock()
         self._reading: threading.Thread | None = None
 
@@ -115,7 +130,9 @@ class Catalog:
         with self._lock:
             unread = [ref for ref in listing.refs if ref not in self._entries or self._entries[ref].trouble]
             if unread and (self._reading is None or not self._reading.is_alive()):
-                self._reading = threading.Thread(target=self._read, args=(unread,), name="catalog", daemon=True)
+                self._reading = threading.Thread(
+                    target=self._read, args=(frozenset(unread),), name="catalog", daemon=True
+                )
                 self._reading.start()
             reading = self._reading
         if unread and reading:
@@ -127,8 +144,8 @@ class Catalog:
         entries.sort(key=_age, reverse=True)
         return Contents(tuple(entries), len(there) - len(entries), listing.unseen)
 
-    def _read(self, refs: Iterable[ArtifactRef]) -> None:
-        for ref in refs:
+    def _read(self, refs: frozenset[ArtifactRef]) -> None:
+        for ref in sorted(refs, key=self._changed, reverse=True):
             try:
                 entry = Entry.of(self._store.manifest(ref))
             except ArtifactNotFound:
@@ -137,12 +154,45 @@ class Catalog:
                 entry = Entry(ref, trouble=str(error))
             with self._lock:
                 self._entries[ref] = entry
+        with self._lock:
+            whole = [entry for entry in self._entries.values() if not entry.trouble]
+            is_news = any(entry.ref in refs for entry in whole)
+        if is_news:
+            _keep(self._file, whole)
+
+    def _changed(self, ref: ArtifactRef) -> float:
+        """When an artifact on this machine's disk was made, without reading it; 0 if that cannot be told."""
+        try:
+            return (Path(self._store.url) / ref.kind / ref.id).stat().st_mtime
+        except OSError:
+            return 0.0
 
 
 @lru_cache(maxsize=4)
-def catalog_of(store: ArtifactStore) -> Catalog:
+def catalog_of(store: ArtifactStore, folder: Path) -> Catalog:
     """The one catalog of a store in this process."""
-    return Catalog(store)
+    return Catalog(store, folder)
+
+
+_ENTRIES = TypeAdapter(list[Entry])
+
+
+def _kept(file: Path) -> dict[ArtifactRef, Entry]:
+    try:
+        return {entry.ref: entry for entry in _ENTRIES.validate_json(read_bounded(file, MOST_BYTES))}
+    except (OSError, ValueError):
+        return {}
+
+
+def _keep(file: Path, entries: Sequence[Entry]) -> None:
+    draft = file.with_name(f"{file.name}.{os.getpid()}.draft")
+    try:
+        draft.write_bytes(_ENTRIES.dump_json(list(entries)))
+        draft.replace(file)
+    except OSError as error:
+        # It only saves time.
+        logger.debug("'%s' cannot be written: %s", file, error)
+        draft.unlink(missing_ok=True)
 
 
 def _age(entry: Entry) -> tuple[bool, float, ArtifactRef]:

@@ -68,7 +68,7 @@ def artifacts(
     first: Number = 0,
 ) -> Response:
     """The store's artifacts."""
-    contents = catalog_of(workplace.store).contents()
+    contents = catalog_of(workplace.store, workplace.folder).contents()
     entries = [entry for entry in contents.entries if entry.answers_to(kind, stage, task, text)]
     return page(
         request,
@@ -90,7 +90,7 @@ def artifact(request: Request, workplace: TheWorkplace, text: str) -> Response:
     store = workplace.store
     ref = store.resolve(text)
     manifest = store.manifest(ref)
-    contents = catalog_of(store).contents()
+    contents = catalog_of(store, workplace.folder).contents()
     return page(
         request,
         "browsing/artifact.html",
@@ -166,7 +166,7 @@ def lineage(request: Request, workplace: TheWorkplace, artifact: Word = "") -> R
         return _choice(request, workplace, "Lineage", "/lineage", ("report", "evaluation", "checkpoint"))
     store = workplace.store
     ref = store.resolve(artifact)
-    contents = catalog_of(store).contents()
+    contents = catalog_of(store, workplace.folder).contents()
     return page(
         request,
         "browsing/lineage.html",
@@ -187,7 +187,7 @@ def lineage_strip(workplace: TheWorkplace, artifact: Word) -> Response:
 
 def _choice(request: Request, workplace: TheWorkplace, title: str, address: str, kinds: Sequence[str]) -> Response:
     """Artifacts that a page can be about."""
-    contents = catalog_of(workplace.store).contents()
+    contents = catalog_of(workplace.store, workplace.folder).contents()
     entries = [entry for entry in contents.entries if entry.ref.kind in kinds]
     part = _part(request, entries, int(request.query_params.get("first", "0") or 0))
     return page(request, "browsing/choice.html", title=title, address=address, part=part, contents=contents)

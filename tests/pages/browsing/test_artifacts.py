@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import threading
 
 import pytest
 
@@ -107,22 +108,50 @@ def test_long_list_is_shown_in_parts(client, store):
     assert "The list ends before" in client.get("/?first=1000").text
 
 
-def test_manifest_is_read_once_and_a_large_store_does_not_keep_a_page_waiting(client, run, monkeypatch):
-    monkeypatch.setattr(catalog, "PATIENCE_SECONDS", 0.0)
-    reads = []
-    read = type(run.store).manifest
+@pytest.fixture
+def reads(store, monkeypatch):
+    """Manifests that were read so far."""
+    read, refs = type(store).manifest, []
 
-    def counting(store, ref):
-        reads.append(ref)
-        return read(store, ref)
+    def counting(self, ref):
+        refs.append(ref)
+        return read(self, ref)
 
-    monkeypatch.setattr(type(run.store), "manifest", counting)
-    known = catalog.Catalog(run.store)
-    contents = known.contents()
-    while contents.unread:
-        contents = known.contents()
-    known.contents()
+    monkeypatch.setattr(type(store), "manifest", counting)
+    return refs
+
+
+def all_of(known):
+    while (contents := known.contents()).unread:
+        pass
+    return contents
+
+
+def test_manifest_is_read_once_even_if_the_server_starts_anew(run, reads, tmp_path):
+    contents = all_of(catalog.Catalog(run.store, tmp_path))
     assert sorted(reads) == sorted([run.logs, run.episodes, run.checkpoint, run.evaluation])
+    while not (tmp_path / catalog.FILE).exists():
+        pass
+    assert catalog.Catalog(run.store, tmp_path).contents() == contents
+    assert len(reads) == 4
+
+
+def test_page_of_a_large_store_does_not_wait_for_all_of_it(run, monkeypatch, tmp_path):
+    monkeypatch.setattr(catalog, "PATIENCE_SECONDS", 0.0)
+    is_released = threading.Event()
+    monkeypatch.setattr(
+        type(run.store), "manifest", lambda store, ref, read=run.store.manifest: is_released.wait() and read(ref)
+    )
+    known = catalog.Catalog(run.store, tmp_path)
+    assert known.contents().unread == 4
+    is_released.set()
+    assert len(all_of(known).entries) == 4
+
+
+@pytest.mark.parametrize("content", [b"", b"[{}]", b"null", b"\xff", b'[{"ref": 1}]'])
+def test_nonsense_in_the_kept_catalog_counts_as_none(run, tmp_path, content):
+    (tmp_path / catalog.FILE).write_bytes(content)
+    assert len(all_of(catalog.Catalog(run.store, tmp_path)).entries) == 4
 
 
 @pytest.mark.parametrize("query", ["first=-1", "first=x", "first=99999999999999", f"text={'x' * 201}"])
