@@ -44,6 +44,8 @@ def test_it_holds_one_package_with_all_that_the_command_needs(installed: Path):
     for shipped in ("configs/demo.yaml", "configs/presets/laptop.yaml", "flows/command/cli.py", "stages/train.py"):
         assert (bundle / shipped).is_file(), shipped
     assert (installed / "juicer" / "reporting" / "report.html.j2").is_file()
+    assert (installed / "juicer" / "pages" / "static" / "pages.css").is_file()
+    assert (installed / "juicer" / "pages" / "templates" / "browsing" / "film.html").is_file()
     assert (installed / "juicer" / "py.typed").is_file()
 
 

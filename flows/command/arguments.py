@@ -60,3 +60,10 @@ ShiftKind = Annotated[
         "settings, e.g. '{kind: push, force_n: 5}'.",
     ),
 ]
+Episodes = Annotated[
+    str, typer.Argument(metavar="EPISODES", help="Id of episodes or of an evaluation, or its first letters.")
+]
+EpisodeName = Annotated[
+    str,
+    typer.Option("--episode", "-k", help="Which one: its number, counted from 0, its id, or the name of its log."),
+]

@@ -17,6 +17,8 @@ from flows.command.arguments import (
     Conditions,
     ConfigFile,
     Configuration,
+    EpisodeName,
+    Episodes,
     Overrides,
     Seeds,
     ShiftKind,
@@ -25,6 +27,7 @@ from flows.command.arguments import (
     Tasks,
 )
 from flows.command.options import CommandLine, choice
+from flows.command.serving import app as serving
 from flows.servers.proxies import bypass_proxies_on_loopback
 from flows.terminal.output import say_error
 from flows.terminal.streams import tolerate_refusals
@@ -282,13 +285,8 @@ def analyse(
 
 @app.command()
 def replay(
-    episodes: Annotated[
-        str, typer.Argument(metavar="EPISODES", help="Id of episodes or of an evaluation, or its first letters.")
-    ],
-    episode: Annotated[
-        str,
-        typer.Option("--episode", "-k", help="Which one: its number, counted from 0, its id, or the name of its log."),
-    ] = "0",
+    episodes: Episodes,
+    episode: EpisodeName = "0",
     video: Annotated[
         Path | None,
         typer.Option("--video", help="Video to write, EPISODES-EPISODE.mp4 if left out; stills go beside it as PNG."),
@@ -310,6 +308,23 @@ def replay(
 
 
 @app.command()
+def view(
+    episodes: Episodes,
+    episode: EpisodeName = "0",
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="Recording to write, EPISODES-EPISODE.rrd if left out."),
+    ] = None,
+    opens: Annotated[bool, typer.Option("--open/--no-open", help="Open the viewer, or only write the file.")] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Look at any episode in the store in Rerun: images, poses and numbers over its steps."""
+    from flows.command.view import view_episode
+
+    view_episode(episodes, episode, output, opens, as_json)
+
+
+@app.command()
 def doctor(
     encoders: Annotated[
         bool, typer.Option("--encoders", help="List encoders instead: their weights, where they are or come from.")
@@ -322,42 +337,7 @@ def doctor(
     (show_encoders if encoders else examine_machine)(as_json)
 
 
-@app.command()
-def ui(
-    prefect_port: Annotated[
-        int | None,
-        typer.Option(min=1, max=65535, help="Port of Prefect's pages; a free one if left out."),
-    ] = None,
-    mlflow_port: Annotated[
-        int | None,
-        typer.Option(min=1, max=65535, help="Port of MLflow's pages; a free one if left out."),
-    ] = None,
-    as_json: AsJson = False,
-) -> None:
-    """Serve Prefect's and MLflow's pages on this machine until Ctrl-C."""
-    from flows.servers.ui import serve_pages
-
-    serve_pages(prefect_port, mlflow_port, as_json)
-
-
-@app.command()
-def server(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="prefect or mlflow.")],
-    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
-    port: Annotated[int | None, typer.Option(min=1, max=65535, help="Port; the usual one if left out.")] = None,
-) -> None:
-    """Run one of the two servers for a team, behind a guard and with a password; see docs/team.md."""
-    from flows.servers.team import serve_one
-
-    serve_one(name, host, port)
-
-
-@app.command()
-def serve() -> None:
-    """Offer the flows and every stage as Prefect deployments, and run what is asked for, until Ctrl-C."""
-    from flows.servers.serve import serve_flows
-
-    serve_flows()
+app.add_typer(serving)
 
 
 def main() -> None:

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from flows.command.chosen import Chosen, check_place, choose, episode_number
 from flows.running.context import open_run
 from flows.running.data_folder import open_store
 from flows.running.settings import read_settings
 from flows.terminal.output import say, say_json
-from juicer.errors import ConfigError, WrongArtifactKind
-from juicer.text import printable
+from juicer.errors import ConfigError
 
 if TYPE_CHECKING:
-    from flows.command.evaluated import EvaluatedEpisode
-    from flows.terminal.progress import Board
-    from juicer.artifacts.ref import ArtifactRef
-    from juicer.artifacts.store import ArtifactStore
     from juicer.episode import Episode
     from juicer.imaging.video import Image, VideoFormat
     from juicer.views import View
@@ -31,38 +26,23 @@ STRIP_SIZE = (320, 240)
 FRAMES_PER_SECOND = 20
 
 
-@dataclass(frozen=True)
-class Chosen:
-    """An episode and what is known of it.
-
-    Attributes:
-        episode: The episode.
-        name: What it is in its artifact, for the title.
-        evaluated: What the evaluation says of it, if it is from one.
-    """
-
-    episode: Episode
-    name: str
-    evaluated: EvaluatedEpisode | None = None
-
-
 def replay_episode(
     text: str, episode_name: str, video: Path | None, camera: str, size: str, speed: float, as_json: bool
 ) -> None:
     """``juicer replay``."""
-    from juicer.imaging.video import draw, every, write_video
+    from juicer.imaging.video import VIDEO_SUFFIXES, draw, every, write_video
     from juicer.reporting.seen import views_of
 
     settings = read_settings()
     store = open_store(settings)
     ref = store.resolve(text)
     video_format = _video_format(camera, size, views_of(store, ref) if ref.kind == "evaluation" else ())
-    index = _number(store, ref, episode_name)
+    index = episode_number(store, ref, episode_name)
     video = video or Path(f"{ref.id}-{index}.mp4")
-    _check_place(video)
+    check_place(video, "video", VIDEO_SUFFIXES)
     stride, rate = _pace(speed)
     with open_run(settings, None) as run_context:
-        chosen = _choose(store, ref, index, run_context.board, settings.device)
+        chosen = choose(store, ref, index, run_context.board, settings.device)
         episode = chosen.episode
         steps = every(episode, stride)
         captioner = _captioner(chosen, video_format)
@@ -78,23 +58,6 @@ def replay_episode(
     _report(chosen, video, strip, len(steps) - frames, as_json)
 
 
-def _number(store: ArtifactStore, ref: ArtifactRef, name: str) -> int:
-    """Number of the episode that is meant."""
-    if re.fullmatch(r"-?[0-9]{1,5}", name):
-        return int(name)
-    found: list[int] = []
-    if ref.kind == "episodes":
-        from juicer.episode import episodes_named
-        from juicer.storage.episodes import EpisodeReader
-
-        found = episodes_named(name, EpisodeReader(store.open(ref)).records)
-    if len(found) != 1:
-        several = "no episode" if not found else f"{len(found)} episodes"
-        other = ", its log, or six or more digits of its id" if ref.kind == "episodes" else ""
-        raise ConfigError(f"{several} of {ref} can be named '{printable(name)}'; give its number, from 0{other}")
-    return found[0]
-
-
 def _video_format(camera: str, size: str, views: tuple[View, ...]) -> VideoFormat:
     from juicer.imaging.video import VideoFormat
     from juicer.views import CAMERAS
@@ -103,43 +66,6 @@ def _video_format(camera: str, size: str, views: tuple[View, ...]) -> VideoForma
     if parts is None:
         raise ConfigError(f"size '{size}' must be the width and height of a camera's image, e.g. 480x360")
     return VideoFormat(CAMERAS if camera == BOTH else (camera,), int(parts[1]), int(parts[2]), views)
-
-
-def _check_place(video: Path) -> None:
-    """Refuse what cannot be written before anything is computed."""
-    from juicer.imaging.video import VIDEO_SUFFIXES
-
-    if video.suffix.lower() not in VIDEO_SUFFIXES:
-        raise ConfigError(f"video '{video}' must end in {', '.join(VIDEO_SUFFIXES[:-1])} or {VIDEO_SUFFIXES[-1]}")
-    try:
-        has_folder, is_folder = video.parent.is_dir(), video.is_dir()
-    except OSError as error:
-        raise ConfigError(f"video '{printable(video)}' cannot be written: {error.strerror}") from None
-    if not has_folder:
-        raise ConfigError(f"folder '{video.parent}' for the video does not exist")
-    if is_folder:
-        raise ConfigError(f"video '{video}' is a folder; name a file")
-
-
-def _choose(store: ArtifactStore, ref: ArtifactRef, index: int, board: Board, device: str) -> Chosen:
-    if ref.kind == "evaluation":
-        from flows.command.evaluated import evaluated_row, kept_episode, recomputed_episode
-
-        row = evaluated_row(store, ref, index)
-        found = kept_episode(store, ref, row)
-        if found is None:
-            board.say(f"computing episode {index} again, which {ref} has not kept")
-            found = recomputed_episode(store, ref, row, device)
-        return Chosen(found.episode, f"evaluation {ref.id[:8]} episode {index}", found)
-    if ref.kind != "episodes":
-        raise WrongArtifactKind(f"{ref} holds no episodes to replay; see `juicer ls episodes`")
-    from juicer.storage.episodes import EpisodeReader
-
-    reader = EpisodeReader(store.open(ref))
-    if not 0 <= index < len(reader):
-        raise ConfigError(f"{ref} has episodes 0 to {len(reader) - 1}, not {index}")
-    episode = reader.read(index)
-    return Chosen(episode, f"{episode.record.source.value} {ref.id[:8]} episode {index}")
 
 
 def _pace(speed: float) -> tuple[int, Fraction]:

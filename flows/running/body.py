@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import base64
 
-from prefect.artifacts import create_image_artifact, create_markdown_artifact, create_table_artifact
+from prefect.artifacts import (
+    create_image_artifact,
+    create_link_artifact,
+    create_markdown_artifact,
+    create_table_artifact,
+)
 from prefect.runtime import flow_run
 
 from flows.config import RunConfig
@@ -13,8 +18,10 @@ from flows.running.execution import RunOutcome, execute
 from flows.running.flow_runs import held
 from flows.running.plan import plan, require_weights
 from flows.running.runner import opener
+from flows.running.services import find_pages
 from flows.running.settings import read_settings
 from juicer.artifacts.store import ArtifactStore
+from juicer.pages.addresses import lineage_of
 from juicer.reporting.comparison import robustness_table
 from stages.report import VARIED
 from stages.runtime.prefect_display import attempt
@@ -36,12 +43,12 @@ def run(config: RunConfig) -> RunOutcome:
             require_weights(planned, settings.machine.weights)
         expect(run_context, planned)
         outcome = execute(run_context.session, config, run_context.tracking)
-        _show(outcome, store)
+        _show(outcome, store, find_pages(settings.folder))
         return outcome
 
 
-def _show(outcome: RunOutcome, store: ArtifactStore) -> None:
-    """The comparison on the flow run's page."""
+def _show(outcome: RunOutcome, store: ArtifactStore, pages: str) -> None:
+    """The comparison on the flow run's page, and a link to the lineage if pages are served at an address."""
     rows = [
         {
             "condition": row.title,
@@ -63,6 +70,11 @@ def _show(outcome: RunOutcome, store: ArtifactStore) -> None:
         key = figure.stem.replace("_", "-").lower()
         told = _VARIED_IMAGES if figure.stem.startswith(VARIED) else figure.stem.replace("_", " ")
         attempt(create_image_artifact, image_url=address, key=key, description=told)
+    if pages and outcome.report:
+        link = lineage_of(str(outcome.report), pages)
+        attempt(
+            create_link_artifact, link=link, link_text="Lineage", key="lineage", description="What all was made from"
+        )
     if outcome.findings:
         lines = "\n".join(f"- {finding}" for finding in outcome.findings)
         create_markdown_artifact(markdown=lines, key="findings", description="Models that learned from too little")

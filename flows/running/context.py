@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from urllib.parse import urlsplit
 
 from flows.config import RunConfig
 from flows.running.data_folder import open_store, sqlite_address
 from flows.running.plan import PlannedCall
-from flows.running.services import find_services
+from flows.running.services import find_pages, find_services
 from flows.running.settings import Settings
 from flows.running.tracking import Tracking
 from flows.terminal.progress import Board
@@ -69,7 +70,7 @@ def open_run(
         if config is None or not settings.tracks:
             yield RunContext(session, board, None)
             return
-        recorder = Recorder(destination(settings), store, board.say)
+        recorder = Recorder(destination(settings), store, board.say, partial(find_pages, settings.folder))
         recorder.start()
         # An interrupt is not made to wait.
         patience, status = 0.0, "KILLED"

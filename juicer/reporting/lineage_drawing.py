@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from graphlib import TopologicalSorter
 from html import escape
 from itertools import pairwise
@@ -17,6 +17,8 @@ from juicer.text import printable
 
 _NODE_WIDTH, _NODE_HEIGHT, _LAYER_GAP, _NODE_GAP, _MARGIN = 136.0, 42.0, 20.0, 16.0, 8.0
 _VERTICAL_LAYER_GAP = 30.0
+PREVIEW_WIDTH, PREVIEW_HEIGHT = 118.0, 46.0
+"""Of what may be drawn in a box below its words [SVG units]."""
 _BEND_SPACE = 20.0
 _MIN_SCALE = 0.78
 """How far a drawing shrinks before it scrolls: its letters stay legible."""
@@ -31,6 +33,27 @@ _Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
+class Boxes:
+    """What the boxes of a drawing are, beside their words.
+
+    Attributes:
+        link: Gives the address that a box leads to; none if it leads nowhere.
+        previews: SVG of what some artifacts hold, by id, :data:`PREVIEW_WIDTH` times :data:`PREVIEW_HEIGHT`, from the
+            origin; if there is any, all boxes have room for it.
+        chosen: Id of the artifact that stands out; none if empty.
+    """
+
+    link: Callable[[LineageNode], str] | None = None
+    previews: Mapping[str, str] = field(default_factory=dict)
+    chosen: str = ""
+
+    @property
+    def height(self) -> float:
+        """Of a box."""
+        return _NODE_HEIGHT + (PREVIEW_HEIGHT + 8 if self.previews else 0)
+
+
+@dataclass(frozen=True)
 class _Layout:
     """Places of nodes and bends: how far along the direction in which results follow, and how far across it."""
 
@@ -39,11 +62,12 @@ class _Layout:
     is_vertical: bool
     length: float
     breadth: float
+    node_height: float
 
     @property
     def thickness(self) -> float:
         """Of a node, along."""
-        return _NODE_HEIGHT if self.is_vertical else _NODE_WIDTH
+        return self.node_height if self.is_vertical else _NODE_WIDTH
 
     def point(self, along: float, across: float) -> str:
         """Coordinates in the drawing."""
@@ -51,13 +75,16 @@ class _Layout:
         return f"{x:.1f} {y:.1f}"
 
 
-def lineage_graph(nodes: Sequence[LineageNode], *, is_vertical: bool = False, has_links: bool = False) -> str:
+def lineage_graph(
+    nodes: Sequence[LineageNode], boxes: Boxes = Boxes(), *, is_vertical: bool = False, shrinks: bool = True
+) -> str:
     """Inline SVG of the graph; parents that are not among the nodes are left out.
 
     Args:
         nodes: In any order.
+        boxes: What they lead to and show.
         is_vertical: Whether ancestors stand above their results instead of left of them, for narrow pages.
-        has_links: Whether a box leads to what the page around it says of its artifact, at the anchor of its id.
+        shrinks: Whether it takes less room where there is little, which takes a style of its own; else it has its size.
 
     Returns:
         The drawing, or nothing if there are no nodes.
@@ -66,23 +93,27 @@ def lineage_graph(nodes: Sequence[LineageNode], *, is_vertical: bool = False, ha
         return ""
     known = {node.id: node for node in nodes}
     parents = {node.id: tuple(parent for parent in node.parents if parent in known) for node in nodes}
-    layout = _lay_out(parents, is_vertical)
+    layout = _lay_out(parents, is_vertical, boxes.height)
     edges = [_edge(child, parent, layout) for child in known for parent in parents[child]]
-    boxes = [_box(node, layout) for node in nodes]
-    if has_links:
-        boxes = [f'<a href="#{escape(node.id)}">{box}</a>' for node, box in zip(nodes, boxes, strict=True)]
+    drawn = [_box(node, layout, boxes) for node in nodes]
+    if boxes.link:
+        drawn = [f'<a href="{escape(boxes.link(node))}">{box}</a>' for node, box in zip(nodes, drawn, strict=True)]
     width, height = (layout.breadth, layout.length) if is_vertical else (layout.length, layout.breadth)
+    size = (
+        f'style="max-width:{width:.0f}px;min-width:{_MIN_SCALE * width:.0f}px"'
+        if shrinks
+        else f'width="{width:.0f}" height="{height:.0f}"'
+    )
     return (
         f'<svg class="lineage" role="img" aria-label="Artifacts and their parents" '
-        f'viewBox="0 0 {width:.0f} {height:.0f}" '
-        f'style="max-width:{width:.0f}px;min-width:{_MIN_SCALE * width:.0f}px">'
-        f"{''.join(edges)}{''.join(boxes)}</svg>"
+        f'viewBox="0 0 {width:.0f} {height:.0f}" {size}>'
+        f"{''.join(edges)}{''.join(drawn)}</svg>"
     )
 
 
-def _lay_out(parents: Mapping[str, Sequence[str]], is_vertical: bool) -> _Layout:
+def _lay_out(parents: Mapping[str, Sequence[str]], is_vertical: bool, node_height: float) -> _Layout:
     thickness, extent, gap = (
-        (_NODE_HEIGHT, _NODE_WIDTH, _VERTICAL_LAYER_GAP) if is_vertical else (_NODE_WIDTH, _NODE_HEIGHT, _LAYER_GAP)
+        (node_height, _NODE_WIDTH, _VERTICAL_LAYER_GAP) if is_vertical else (_NODE_WIDTH, node_height, _LAYER_GAP)
     )
     layers = _layers(parents)
     order, neighbours = _chains(parents, layers)
@@ -97,7 +128,7 @@ def _lay_out(parents: Mapping[str, Sequence[str]], is_vertical: bool) -> _Layout
         for item in layer
     }
     length = 2 * _MARGIN + len(order) * (thickness + gap) - gap
-    return _Layout(layers, places, is_vertical, length, end - start)
+    return _Layout(layers, places, is_vertical, length, end - start, node_height)
 
 
 def _layers(parents: Mapping[str, Sequence[str]]) -> dict[str, int]:
@@ -181,15 +212,20 @@ def _edge(child: str, parent: str, layout: _Layout) -> str:
     return f'<path class="edge" d="{"".join(path)}"/>'
 
 
-def _box(node: LineageNode, layout: _Layout) -> str:
+def _box(node: LineageNode, layout: _Layout, boxes: Boxes) -> str:
     along, across = layout.places[node.id]
-    x, y = (across - _NODE_WIDTH / 2, along) if layout.is_vertical else (along, across - _NODE_HEIGHT / 2)
+    height = boxes.height
+    x, y = (across - _NODE_WIDTH / 2, along) if layout.is_vertical else (along, across - height / 2)
     known = printable(node.label)
     label = known if len(known) <= _LABEL_LETTERS else known[: _LABEL_LETTERS - 1] + "…"
     kind, short_id = escape(node.kind), escape(node.id.rpartition("/")[2][:6])
+    preview = boxes.previews.get(node.id, "")
     return (
-        f'<g class="node {kind}"><title>{escape(known)}: {escape(node.id)}</title>'
-        f'<rect x="{x:.1f}" y="{y:.1f}" width="{_NODE_WIDTH:.0f}" height="{_NODE_HEIGHT:.0f}" rx="6"/>'
+        f'<g class="node {kind}{" chosen" if node.id == boxes.chosen else ""}">'
+        f"<title>{escape(known)}: {escape(node.id)}</title>"
+        f'<rect x="{x:.1f}" y="{y:.1f}" width="{_NODE_WIDTH:.0f}" height="{height:.0f}" rx="6"/>'
         f'<text x="{x + 9:.1f}" y="{y + 18:.1f}">{escape(label)}</text>'
-        f'<text class="id" x="{x + 9:.1f}" y="{y + 33:.1f}">{kind} {short_id}</text></g>'
+        f'<text class="id" x="{x + 9:.1f}" y="{y + 33:.1f}">{kind} {short_id}</text>'
+        + (f'<g transform="translate({x + 9:.1f} {y + _NODE_HEIGHT:.1f})">{preview}</g>' if preview else "")
+        + "</g>"
     )

@@ -11,7 +11,7 @@ from html import escape
 from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.reporting.lineage import Manifests, nodes_of
-from juicer.reporting.lineage_drawing import lineage_graph
+from juicer.reporting.lineage_drawing import Boxes, lineage_graph
 
 _STYLE = """
 body { margin: 16px; font: 14px/1.5 system-ui, sans-serif; color: #1d2733; background: #fff; }
@@ -55,10 +55,11 @@ def lineage_page(title: str, manifests: Manifests, names: Mapping[ArtifactRef, s
         f"<td>{_facts(manifest)}</td><td>{'<br>'.join(_link(parent) for parent in node.parents)}</td></tr>"
         for node, manifest in zip(nodes, manifests.values(), strict=True)
     )
+    drawing = lineage_graph(nodes, Boxes(link=lambda node: f"#{node.id}"))
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
         f"<h1>{escape(title)}</h1><p>Click a box for its facts; <code>juicer show ID</code> tells all.</p>"
-        f'<div class="scroll">{lineage_graph(nodes, has_links=True)}</div>'
+        f'<div class="scroll">{drawing}</div>'
         f"<table><tr><th>artifact<th>facts<th>made from</tr>{rows}</table><script>{_SCRIPT}</script></html>"
     )
 

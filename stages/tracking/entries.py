@@ -16,6 +16,7 @@ from juicer.artifacts.commit import UNKNOWN
 from juicer.artifacts.manifest import OBSERVES, STATE, Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.evaluation import ConditionResult
+from juicer.pages.addresses import lineage_of
 from juicer.storage.evaluations import EvaluationRow
 from stages.tracking.destination import VIEW
 from stages.tracking.history import History
@@ -171,11 +172,12 @@ def version_tags(model: Model, history: History, checkpoint: ArtifactRef) -> dic
     return tags | ({"commit": found} if (found := commit(history.evaluation)) else {})
 
 
-def story(experiment: str, run: str, history: History, finding: str) -> str:
-    """What stands above the facts of a model, in Markdown."""
+def story(experiment: str, run: str, history: History, finding: str, pages: str = "") -> str:
+    """What stands above the facts of a model, in Markdown; links to juicer's pages if they have an address."""
     ref = history.evaluation.ref
     page = f"#/experiments/{experiment}/runs/{run}/artifacts/lineage.html"
     told = f"{history.evaluation.label} succeeded. [What it was made from]({page}); `juicer show {ref.id}`."
+    told += f" [All of it, to look through]({lineage_of(str(ref), pages)})." if pages else ""
     return f"**{finding}**\n\n{told}\n" if finding else f"{told}\n"
 
 

@@ -33,7 +33,7 @@ from stages.tracking.destination import reason
 from stages.tracking.history import History, read_history
 from stages.tracking.model import Model
 
-KEY, COMPLETE, NOTE = "juicer.model", "juicer.complete", "mlflow.note.content"
+KEY, COMPLETE, PAGES, NOTE = "juicer.model", "juicer.complete", "juicer.pages", "mlflow.note.content"
 BATCH, PARAMS_BATCH = 1000, 100
 """Entries that MLflow takes at a time."""
 
@@ -52,7 +52,11 @@ class Published:
 
 
 def publish(
-    client: MlflowClient, store: ArtifactStore, models: Iterable[Model], artifact_root: Path | None = None
+    client: MlflowClient,
+    store: ArtifactStore,
+    models: Iterable[Model],
+    artifact_root: Path | None = None,
+    pages: str = "",
 ) -> Published:
     """Show models, each on its own: what is wrong with one of them does not concern the others.
 
@@ -61,6 +65,7 @@ def publish(
         store: Where the artifacts are.
         models: What to show; of two with the same key, the last.
         artifact_root: Where files of new experiments go; the server decides if None.
+        pages: Address of juicer's pages, to which records link; empty if they are not served.
 
     Raises:
         Exception: Of whatever kind the libraries on the way raise, if MLflow no longer answers.
@@ -71,7 +76,7 @@ def publish(
         studies.setdefault(model.study, {}).setdefault(model.identity, {})[model.key] = model
     for study, runs in studies.items():
         try:
-            page = Study(client, store, study, artifact_root)
+            page = Study(client, store, study, artifact_root, pages)
             published.experiments[study] = page.experiment
         except TrackingError as error:
             published.problems.append(str(error))
@@ -85,7 +90,9 @@ def publish(
 class Study:
     """An experiment of MLflow, and the runs in it that were made here."""
 
-    def __init__(self, client: MlflowClient, store: ArtifactStore, name: str, artifact_root: Path | None) -> None:
+    def __init__(
+        self, client: MlflowClient, store: ArtifactStore, name: str, artifact_root: Path | None, pages: str = ""
+    ) -> None:
         """Find the experiment, or make it.
 
         Raises:
@@ -93,6 +100,7 @@ class Study:
         """
         self._client = client
         self._store = store
+        self._pages = pages
         found = client.get_experiment_by_name(name)
         if found and found.lifecycle_stage == LifecycleStage.DELETED:
             raise TrackingError(
@@ -148,6 +156,7 @@ class Study:
         run = self.open(model.key, model.label, tags, end - round(1000 * history.seconds))
         state = " ".join(model.evaluations.values())
         if _is_done(run, state):
+            self._link_pages(run, model, history)
             return
         self._log_params(run, model.params)
         self._log_numbers(run, _facts(history), end)
@@ -163,13 +172,23 @@ class Study:
         self._client.log_text(identity, page, "lineage.html")
         if history.checkpoint:
             self._log_checkpoint(run, model, history, history.checkpoint)
-        note = entries.story(self.experiment, identity, history, model.finding)
+        note = self._story(run, model, history, self._pages)
         parent = self.open(model.parent_key, model.title, {"condition": model.condition}, run.info.start_time)
         tags = {NOTE: note, "mlflow.parentRunId": parent.info.run_id, "mlflow.loggedArtifacts": entries.LOGGED_TABLE}
-        tags |= entries.sight(model, history.evaluation)
+        tags |= entries.sight(model, history.evaluation) | ({PAGES: self._pages} if self._pages else {})
         if commit := entries.commit(history.evaluation):
             tags["mlflow.source.git.commit"] = commit
         self._complete(run, state, end, tags)
+
+    def _story(self, run: Run, model: Model, history: History, pages: str) -> str:
+        return entries.story(self.experiment, run.info.run_id, history, model.finding, pages)
+
+    def _link_pages(self, run: Run, model: Model, history: History) -> None:
+        """Have the note of a complete run link to the pages where they are now, unless somebody has changed it."""
+        linked, note = run.data.tags.get(PAGES, ""), run.data.tags.get(NOTE)
+        if self._pages and self._pages != linked and note == self._story(run, model, history, linked):
+            self._client.set_tag(run.info.run_id, NOTE, self._story(run, model, history, self._pages))
+            self._client.set_tag(run.info.run_id, PAGES, self._pages)
 
     def _show_condition(self, models: Sequence[Model], histories: Mapping[str, History], host: Model) -> None:
         first = models[0]

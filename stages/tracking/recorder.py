@@ -34,18 +34,26 @@ LIVE = ".live"
 class Recorder:
     """A thread that publishes what is noted for a destination, first of all what earlier runs had to leave."""
 
-    def __init__(self, destination: Destination, store: ArtifactStore, warn: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        destination: Destination,
+        store: ArtifactStore,
+        warn: Callable[[str], None],
+        pages: Callable[[], str] = lambda: "",
+    ) -> None:
         """Prepare; nothing is touched before :meth:`start`.
 
         Args:
             destination: Where records go.
             store: Where the artifacts are.
             warn: Told what MLflow does not show, each sentence once.
+            pages: Gives the address of juicer's pages, to which records link; empty if they are not served.
         """
         self.experiments: dict[str, str] = {}
         self._destination = destination
         self._store = store
         self._warn = warn
+        self._pages = pages
         self._said: set[str] = set()
         self._points: SimpleQueue[tuple[Model, dict[str, float], int, float]] = SimpleQueue()
         self._live: dict[str, tuple[str, FileLock]] = {}
@@ -119,7 +127,7 @@ class Recorder:
             self._is_due = False
             try:
                 models = list(noted(folder))
-                published = publish(client, self._store, models, self._destination.artifact_root)
+                published = publish(client, self._store, models, self._destination.artifact_root, self._pages())
             except Exception:
                 self._is_due = True
                 raise

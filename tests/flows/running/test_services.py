@@ -11,7 +11,7 @@ import sys
 
 import pytest
 
-from flows.running.services import SERVICES_FILE, Services, announce, find_services, only_one
+from flows.running.services import SERVICES_FILE, Pages, Services, announce, find_pages, find_services, only_one
 from flows.running.settings import Settings
 from flows.servers.addresses import check_reachable, is_answering, listen, port_of
 from flows.servers.environment import API_VARIABLE, DATABASE_VARIABLE, PASSWORD_VARIABLE, prepare_environment
@@ -44,6 +44,16 @@ def test_servers_are_announced_for_as_long_as_they_run(tmp_path):
         assert find_services(tmp_path) == SERVICES
         assert (tmp_path / SERVICES_FILE).stat().st_mode & 0o777 == 0o600
     assert find_services(tmp_path) is None
+
+
+def test_pages_are_announced_beside_the_servers(tmp_path):
+    with only_one(tmp_path, Pages) as is_free, only_one(tmp_path), announce(tmp_path, SERVICES):
+        assert is_free
+        assert find_pages(tmp_path) == ""
+        with announce(tmp_path, Pages("http://127.0.0.1:11")):
+            assert find_pages(tmp_path) == "http://127.0.0.1:11"
+            assert find_services(tmp_path) == SERVICES
+    assert find_pages(tmp_path) == ""
 
 
 def test_two_do_not_serve_the_same_folder(tmp_path):

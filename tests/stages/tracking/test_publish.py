@@ -15,7 +15,7 @@ from juicer.artifacts.store import ArtifactStore
 from juicer.storage.curves import read_curves
 from stages.tracking.destination import newest_study, runs_page
 from stages.tracking.model import noted
-from stages.tracking.publish import COMPLETE, publish
+from stages.tracking.publish import COMPLETE, NOTE, publish
 
 ROOT = Path(__file__).parents[3]
 
@@ -289,3 +289,26 @@ def test_a_registered_version_is_told_from_others_and_loads_without_unpickling(d
     assert lines[0] == lines[1]
     assert lines[0].startswith("(2, ")
     assert json.loads(lines[0].split(") ")[1]) != 0
+
+
+def note_of(client):
+    return runs_of(client)["BC, seed 0"].data.tags[NOTE]
+
+
+def test_record_links_to_the_pages_where_they_are_served_now(destination, store, study):
+    models = [study.model("bc", 0)]
+    client = show(destination, store, models)
+    assert "/lineage?artifact=" not in note_of(client)
+    for address in ("http://127.0.0.1:8000", "http://127.0.0.1:8001"):
+        assert publish(client, store, models, destination.artifact_root, address).problems == []
+        assert f"({address}/lineage?artifact={models[0].evaluation})" in note_of(client)
+    show(destination, store, models)
+    assert "http://127.0.0.1:8001" in note_of(client)
+
+
+def test_note_that_somebody_changed_is_not_linked(destination, store, study):
+    models = [study.model("bc", 0)]
+    client = show(destination, store, models)
+    client.set_tag(runs_of(client)["BC, seed 0"].info.run_id, NOTE, "mine")
+    publish(client, store, models, destination.artifact_root, "http://127.0.0.1:8000")
+    assert note_of(client) == "mine"

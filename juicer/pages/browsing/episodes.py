@@ -1,0 +1,179 @@
+"""Episodes of an artifact as a page lists them, and the recording behind each, if there is one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.episode import STATE_KEY, Episode, Outcome
+from juicer.errors import ArtifactNotFound, ConfigError, WrongArtifactKind
+from juicer.storage.episodes import EpisodeReader
+from juicer.storage.evaluations import EXAMPLES, read_evaluation
+from juicer.tasks.registry import get_task
+
+KINDS_WITH_EPISODES = ("episodes", "evaluation")
+
+
+@dataclass(frozen=True)
+class Line:
+    """An episode in a list.
+
+    Attributes:
+        number: Its number in the artifact.
+        seed: Seed of its initial state.
+        outcome: How it ended.
+        length: Its steps.
+        parts_assembled: Pairs assembled at its end.
+        milestones: Step at which each milestone was reached.
+        origin: What else is known of where it comes from, e.g. who recorded it.
+        place: Its number among the recorded ones; None if only this line was kept of it.
+    """
+
+    number: int
+    seed: int
+    outcome: Outcome
+    length: int
+    parts_assembled: int
+    milestones: Mapping[str, int]
+    origin: str = ""
+    place: int | None = None
+
+    def lacks(self, milestones: Sequence[str]) -> str:
+        """The first milestone that it did not reach; empty if it reached all."""
+        return next((name for name in milestones if name not in self.milestones), "")
+
+
+@dataclass(frozen=True)
+class EpisodeList:
+    """Episodes of an artifact.
+
+    Attributes:
+        ref: The artifact.
+        task: The assembly task; empty if there is no episode.
+        milestones: Of the task, in order.
+        lines: Every episode.
+        has_states: Whether the recorded ones can be drawn.
+    """
+
+    ref: ArtifactRef
+    task: str
+    milestones: tuple[str, ...]
+    lines: tuple[Line, ...]
+    has_states: bool
+
+    @property
+    def first_recorded(self) -> int:
+        """Number of the first episode that there is a recording of.
+
+        Raises:
+            ArtifactNotFound: If there is none.
+        """
+        number = next((line.number for line in self.lines if line.place is not None), None)
+        if number is None:
+            raise ArtifactNotFound(f"{self.ref} holds no recorded episode")
+        return number
+
+    def chosen(self, outcome: str, lacking: str) -> list[Line]:
+        """Those of an outcome (``failure``: of any but success) whose first missing milestone is the given one."""
+        return [
+            line
+            for line in self.lines
+            if outcome in ("", line.outcome) or (outcome == "failure" and line.outcome is not Outcome.SUCCESS)
+            if not lacking or lacking == line.lacks(self.milestones)
+        ]
+
+    def line(self, number: int) -> Line:
+        """The episode of a number.
+
+        Raises:
+            ArtifactNotFound: If there is none.
+        """
+        if not self.lines:
+            raise ArtifactNotFound(f"{self.ref} holds no episodes")
+        if not 0 <= number < len(self.lines):
+            raise ArtifactNotFound(f"{self.ref} has episodes 0 to {len(self.lines) - 1}, not {number}")
+        return self.lines[number]
+
+
+def list_episodes(store: ArtifactStore, ref: ArtifactRef) -> EpisodeList:
+    """Every episode of an artifact.
+
+    Raises:
+        WrongArtifactKind: If it is of a kind that has none.
+        ArtifactError: If it is missing or damaged.
+    """
+    if ref.kind not in KINDS_WITH_EPISODES:
+        raise WrongArtifactKind(f"{ref} holds no episodes; artifacts of the kinds 'episodes' and 'evaluation' do")
+    return _listed(ref, store.open(ref))
+
+
+def recorded_episode(store: ArtifactStore, ref: ArtifactRef, number: int) -> Episode:
+    """The recording of an episode.
+
+    Raises:
+        ArtifactNotFound: If there is no such episode, or none was kept of it.
+        ArtifactError: If the artifact is missing or damaged.
+    """
+    place = list_episodes(store, ref).line(number).place
+    if place is None:
+        raise ArtifactNotFound(
+            f"{ref} kept no recording of episode {number}; "
+            f"`juicer replay {ref.id} --episode {number}` computes it again"
+        )
+    return _recorded(_recordings_folder(ref, store.open(ref)), place)
+
+
+def _recordings_folder(ref: ArtifactRef, folder: Path) -> Path:
+    return folder / EXAMPLES if ref.kind == "evaluation" else folder
+
+
+@lru_cache(maxsize=8)
+def _recorded(folder: Path, place: int) -> Episode:
+    return EpisodeReader(folder).read(place)
+
+
+@lru_cache(maxsize=8)
+def _listed(ref: ArtifactRef, folder: Path) -> EpisodeList:
+    reader = EpisodeReader(_recordings_folder(ref, folder))
+    if ref.kind == "evaluation":
+        places = {record.seed: place for place, record in enumerate(reader.records)}
+        lines = tuple(
+            Line(
+                number=row.episode,
+                seed=row.seed,
+                outcome=row.outcome,
+                length=row.length,
+                parts_assembled=row.parts_assembled,
+                milestones=row.milestones,
+                place=places.get(row.seed),
+            )
+            for row in read_evaluation(folder)
+        )
+    else:
+        lines = tuple(
+            Line(
+                number=number,
+                seed=record.seed,
+                outcome=record.outcome,
+                length=int(reader.lengths[number]),
+                parts_assembled=record.parts_assembled,
+                milestones=record.milestones,
+                origin=record.log or (f"grown from {record.parent}" if record.parent else ""),
+                place=number,
+            )
+            for number, record in enumerate(reader.records)
+        )
+    task = reader.records[0].task if reader.records else ""
+    return EpisodeList(ref, task, _milestones(task, lines), lines, STATE_KEY in reader.schema)
+
+
+def _milestones(task: str, lines: Sequence[Line]) -> tuple[str, ...]:
+    """Of the task, or if that is not known here, those that were reached."""
+    try:
+        return get_task(task).milestones
+    except ConfigError:
+        return tuple(dict.fromkeys(name for line in lines for name in line.milestones))

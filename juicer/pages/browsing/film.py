@@ -1,0 +1,130 @@
+"""Images of recorded episodes for a page, as JPEG: many small ones in one sheet, or one large one of a step.
+
+They are numbered by steps, never by the time of a video, so that what is shown is the step that is meant.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from functools import cache, lru_cache
+
+import numpy as np
+import PIL.Image
+from numpy.typing import NDArray
+
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.episode import Episode
+from juicer.imaging.renderer import ViewRenderer
+from juicer.pages.browsing.episodes import list_episodes, recorded_episode
+from juicer.sim.sections import joint_positions
+from juicer.tasks.registry import get_task
+from juicer.views import FRONT_CAMERA, WRIST_CAMERA, View
+
+SHEET_FRAMES = 50
+"""Of a sheet, at most: about 150 kB, drawn in a fraction of a second."""
+SHEET_COLUMNS = 10
+FRAME_WIDTH, FRONT_HEIGHT, WRIST_HEIGHT = 160, 120, 90
+FRAME_HEIGHT = FRONT_HEIGHT + WRIST_HEIGHT
+"""A frame of a sheet is the front camera's image above that of the wrist camera."""
+STILL_HEIGHT, STILL_WIDTHS = 360, {FRONT_CAMERA: 480, WRIST_CAMERA: 640}
+
+_SMALL = (
+    View(camera="front", width=FRAME_WIDTH, height=FRONT_HEIGHT),
+    View(camera="wrist", width=FRAME_WIDTH, height=WRIST_HEIGHT),
+)
+_NOWHERE = np.zeros(3, np.float32)
+"""Where a gaze crop would be; these views have none."""
+_QUALITY = 80
+
+Image = NDArray[np.uint8]
+
+
+def frames_of_sheet(length: int, first: int, stride: int, count: int) -> range:
+    """Steps of an episode that a sheet shows; the step after the last one is the end."""
+    return range(first, min(first + stride * count, length + 1), stride)
+
+
+@lru_cache(maxsize=128)
+def sheet(store: ArtifactStore, ref: ArtifactRef, number: int, first: int, stride: int, count: int) -> bytes:
+    """Steps of an episode, row by row in :data:`SHEET_COLUMNS` columns.
+
+    Args:
+        store: Where the artifact is.
+        ref: The artifact.
+        number: Number of the episode.
+        first: First step.
+        stride: Steps from one to the next.
+        count: How many, as far as the episode goes on.
+
+    Raises:
+        ArtifactError: If there is no such recording.
+        StateMissing: If it has no simulator states.
+        RenderingUnavailable: If no OpenGL platform can draw.
+    """
+    episode = recorded_episode(store, ref, number)
+    frames = _drawn_small(episode, frames_of_sheet(len(episode), first, stride, count))
+    columns = min(SHEET_COLUMNS, len(frames))
+    rows = -(-len(frames) // columns)
+    picture = np.zeros((rows * FRAME_HEIGHT, columns * FRAME_WIDTH, 3), np.uint8)
+    for place, frame in enumerate(frames):
+        row, column = divmod(place, columns)
+        picture[row * FRAME_HEIGHT : (row + 1) * FRAME_HEIGHT, column * FRAME_WIDTH : (column + 1) * FRAME_WIDTH] = (
+            frame
+        )
+    return _jpeg(picture)
+
+
+@lru_cache(maxsize=64)
+def still(store: ArtifactStore, ref: ArtifactRef, number: int, step: int) -> bytes:
+    """A step of an episode as well as can be drawn here, both cameras side by side.
+
+    Raises:
+        ArtifactError: If there is no such recording.
+        StateMissing: If it has no simulator states, or no such step.
+        RenderingUnavailable: If no OpenGL platform can draw.
+    """
+    episode = recorded_episode(store, ref, number)
+    renderer = _renderer(episode.record.task)
+    (positions,) = _positions(episode, [step])
+    images = [renderer.draw_for_people(positions, name, width, STILL_HEIGHT) for name, width in STILL_WIDTHS.items()]
+    return _jpeg(np.concatenate(images, axis=1))
+
+
+@lru_cache(maxsize=128)
+def strip(store: ArtifactStore, ref: ArtifactRef) -> bytes:
+    """Beginning and end of an artifact's first recorded episode from the front, side by side, to tell it by.
+
+    Raises:
+        ArtifactError: If there is no recording.
+        StateMissing: If it has no simulator states.
+        RenderingUnavailable: If no OpenGL platform can draw.
+    """
+    episode = recorded_episode(store, ref, list_episodes(store, ref).first_recorded)
+    frames = _drawn_small(episode, [0, len(episode)])
+    return _jpeg(np.concatenate([frame[:FRONT_HEIGHT] for frame in frames], axis=1))
+
+
+def _drawn_small(episode: Episode, steps: Sequence[int]) -> list[Image]:
+    renderer = _renderer(episode.record.task)
+    return [
+        np.concatenate([renderer.draw(positions, view, _NOWHERE) for view in _SMALL])
+        for positions in _positions(episode, steps)
+    ]
+
+
+@cache
+def _renderer(task: str) -> ViewRenderer:
+    """Kept as long as the process: to make one takes longer than to draw with it."""
+    return ViewRenderer(task)
+
+
+def _positions(episode: Episode, steps: Sequence[int]) -> NDArray[np.float64]:
+    return joint_positions(get_task(episode.record.task), np.stack([episode.state(step) for step in steps]))
+
+
+def _jpeg(image: Image) -> bytes:
+    buffer = io.BytesIO()
+    PIL.Image.fromarray(image).save(buffer, format="JPEG", quality=_QUALITY)
+    return buffer.getvalue()

@@ -1,0 +1,219 @@
+"""Addresses of the pages that look through the store; everything in them can be linked to."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeVar
+from urllib.parse import urlencode
+
+import yaml
+from fastapi import APIRouter, Query
+from starlette.requests import Request
+from starlette.responses import Response
+
+from juicer.artifacts.manifest import MANIFEST_NAME
+from juicer.artifacts.ref import KINDS
+from juicer.episode import Outcome
+from juicer.pages.browsing.catalog import catalog_of
+from juicer.pages.browsing.episodes import KINDS_WITH_EPISODES, list_episodes
+from juicer.pages.browsing.film import SHEET_FRAMES, sheet, still, strip
+from juicer.pages.browsing.graph import graph_around
+from juicer.pages.rendering import page
+from juicer.pages.workplace import TheWorkplace
+from juicer.sim.env import CONTROL_HZ
+
+ItemT = TypeVar("ItemT")
+
+LINES = 100
+"""Of a list on one page."""
+FILES = 40
+_KEPT = {"Cache-Control": "private, max-age=3600"}
+"""Images of an artifact stay what they are."""
+
+Word = Annotated[str, Query(max_length=200)]
+Number = Annotated[int, Query(ge=0, le=10**9)]
+
+router = APIRouter()
+
+
+@dataclass(frozen=True)
+class Part:
+    """Some lines of a list.
+
+    Attributes:
+        lines: The lines.
+        total: How many the list has.
+        first: Which one is the first of these.
+        previous: Address of those before; empty if there are none.
+        following: Address of those after.
+    """
+
+    lines: Sequence[Any]
+    total: int
+    first: int
+    previous: str
+    following: str
+
+
+@router.get("/")
+def artifacts(
+    request: Request,
+    workplace: TheWorkplace,
+    kind: Word = "",
+    stage: Word = "",
+    task: Word = "",
+    text: Word = "",
+    first: Number = 0,
+) -> Response:
+    """The store's artifacts."""
+    contents = catalog_of(workplace.store, workplace.folder).contents()
+    entries = [entry for entry in contents.entries if entry.answers_to(kind, stage, task, text)]
+    return page(
+        request,
+        "browsing/artifacts.html",
+        contents=contents,
+        part=_part(request, entries, first),
+        asked={"kind": kind, "stage": stage, "task": task, "text": text},
+        kinds=[name for name in KINDS if any(entry.ref.kind == name for entry in contents.entries)],
+        stages=sorted({entry.stage for entry in contents.entries} - {""}),
+        tasks=sorted({name for entry in contents.entries for name in entry.tasks}),
+        total_bytes=sum(entry.bytes for entry in entries),
+        place=workplace.store.url,
+    )
+
+
+@router.get("/artifacts/{text:path}")
+def artifact(request: Request, workplace: TheWorkplace, text: str) -> Response:
+    """An artifact: what made it, of what, what it holds, and what was made of it."""
+    store = workplace.store
+    ref = store.resolve(text)
+    manifest = store.manifest(ref)
+    contents = catalog_of(store, workplace.folder).contents()
+    return page(
+        request,
+        "browsing/artifact.html",
+        manifest=manifest,
+        entries=contents.by_ref,
+        children=contents.children().get(ref, []),
+        facts=list(_facts(manifest.summary)),
+        configuration=yaml.safe_dump(dict(manifest.recipe.config), sort_keys=False, allow_unicode=True),
+        files=manifest.files[:FILES],
+        total_bytes=sum(file.bytes for file in manifest.files),
+        has_episodes=ref.kind in KINDS_WITH_EPISODES,
+        place=store.address(ref),
+        manifest_name=MANIFEST_NAME,
+    )
+
+
+@router.get("/episodes")
+def episodes(
+    request: Request,
+    workplace: TheWorkplace,
+    artifact: Word = "",
+    outcome: Word = "",
+    lacking: Word = "",
+    first: Number = 0,
+    episode: Annotated[int | None, Query(ge=0, le=10**9)] = None,
+    frame: Number = 0,
+) -> Response:
+    """Episodes of an artifact, or one of them as a film."""
+    if not artifact:
+        return _choice(request, workplace, "Episodes", "/episodes", KINDS_WITH_EPISODES)
+    found = list_episodes(workplace.store, workplace.store.resolve(artifact))
+    if episode is not None:
+        line = found.line(episode)
+        return page(request, "browsing/film.html", found=found, line=line, frame=min(frame, line.length), hz=CONTROL_HZ)
+    return page(
+        request,
+        "browsing/episodes.html",
+        found=found,
+        part=_part(request, found.chosen(outcome, lacking), first),
+        asked={"outcome": outcome, "lacking": lacking},
+        outcomes=["failure", *(each for each in Outcome if any(line.outcome is each for line in found.lines))],
+        lackings=[
+            name for name in found.milestones if any(line.lacks(found.milestones) == name for line in found.lines)
+        ],
+    )
+
+
+@router.get("/episodes/sheet.jpg")
+def episode_sheet(
+    workplace: TheWorkplace,
+    artifact: Word,
+    episode: Number,
+    first: Number = 0,
+    stride: Annotated[int, Query(ge=1, le=10**6)] = 1,
+    count: Annotated[int, Query(ge=1, le=SHEET_FRAMES)] = SHEET_FRAMES,
+) -> Response:
+    """Small images of many steps of an episode."""
+    store = workplace.store
+    return _jpeg(sheet(store, store.resolve(artifact), episode, first, stride, count))
+
+
+@router.get("/episodes/still.jpg")
+def episode_still(workplace: TheWorkplace, artifact: Word, episode: Number, frame: Number) -> Response:
+    """A step of an episode."""
+    store = workplace.store
+    return _jpeg(still(store, store.resolve(artifact), episode, frame))
+
+
+@router.get("/lineage")
+def lineage(request: Request, workplace: TheWorkplace, artifact: Word = "") -> Response:
+    """What an artifact was made from, and what was made from it."""
+    if not artifact:
+        return _choice(request, workplace, "Lineage", "/lineage", ("report", "evaluation", "checkpoint"))
+    store = workplace.store
+    ref = store.resolve(artifact)
+    contents = catalog_of(store, workplace.folder).contents()
+    return page(
+        request,
+        "browsing/lineage.html",
+        ref=ref,
+        entry=contents.by_ref.get(ref),
+        entries={str(each.ref): each for each in contents.entries},
+        graph=graph_around(store, contents, ref),
+        unread=contents.unread,
+        has_episodes=ref.kind in KINDS_WITH_EPISODES,
+    )
+
+
+@router.get("/lineage/strip.jpg")
+def lineage_strip(workplace: TheWorkplace, artifact: Word) -> Response:
+    """Images by which one tells an artifact of episodes."""
+    return _jpeg(strip(workplace.store, workplace.store.resolve(artifact)))
+
+
+def _choice(request: Request, workplace: TheWorkplace, title: str, address: str, kinds: Sequence[str]) -> Response:
+    """Artifacts that a page can be about."""
+    contents = catalog_of(workplace.store, workplace.folder).contents()
+    entries = [entry for entry in contents.entries if entry.ref.kind in kinds]
+    part = _part(request, entries, int(request.query_params.get("first", "0") or 0))
+    return page(request, "browsing/choice.html", title=title, address=address, part=part, contents=contents)
+
+
+def _part(request: Request, lines: Sequence[ItemT], first: int) -> Part:
+    def address(start: int) -> str:
+        return f"{request.url.path}?{urlencode({**request.query_params, 'first': start})}"
+
+    end = first + LINES
+    return Part(
+        lines[first:end],
+        len(lines),
+        first,
+        previous=address(max(0, first - LINES)) if first else "",
+        following=address(end) if end < len(lines) else "",
+    )
+
+
+def _facts(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for key, value in summary.items():
+        if isinstance(value, float):
+            yield key, f"{value:.6g}"
+        else:
+            yield key, value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def _jpeg(content: bytes) -> Response:
+    return Response(content, media_type="image/jpeg", headers=_KEPT)

@@ -1,0 +1,155 @@
+// An episode as a film. What is shown is addressed by its step: sheets of small images while one scrubs,
+// and one large image of the step at which one stays.
+
+const SHEET = 50, COLUMNS = 10, WIDTH = 160, FRONT = 120, WRIST = 90;
+const KEPT_SHEETS = 12, OVERVIEW = 12, SETTLED_MS = 120;
+
+const film = document.querySelector("#film");
+const { artifact, episode } = film.dataset;
+const length = Number(film.dataset.length), hz = Number(film.dataset.hz);
+const screen = document.querySelector("#screen"), pen = screen.getContext("2d");
+const position = document.querySelector("#position"), where = document.querySelector("#where");
+const play = document.querySelector("#play"), speed = document.querySelector("#speed");
+
+const sheets = new Map();
+let step = Math.min(Number(film.dataset.frame), length);
+let settling = 0, request = new AbortController();
+
+async function image(name, parameters, signal) {
+  const query = new URLSearchParams({ artifact, episode, ...parameters });
+  const answer = await fetch(`/episodes/${name}.jpg?${query}`, { signal });
+  if (!answer.ok) throw new Error((await answer.json()).error);
+  return createImageBitmap(await answer.blob());
+}
+
+function sheetOf(wanted) {
+  const first = wanted - (wanted % SHEET);
+  let sheet = sheets.get(first);
+  if (!sheet) {
+    sheet = { loading: image("sheet", { first, count: SHEET }), bitmap: null };
+    sheet.loading.then((bitmap) => { sheet.bitmap = bitmap; }, say);
+    if (sheets.size >= KEPT_SHEETS) sheets.delete(sheets.keys().next().value);
+    sheets.set(first, sheet);
+  }
+  return sheet;
+}
+
+function say(error) {
+  if (error.name === "AbortError") return;
+  document.querySelector("#announcements").textContent = error.message;
+  where.textContent = error.message;
+}
+
+function drawSmall(bitmap, place) {
+  const [x, y] = [(place % COLUMNS) * WIDTH, Math.floor(place / COLUMNS) * (FRONT + WRIST)];
+  pen.drawImage(bitmap, x, y, WIDTH, FRONT, 0, 0, 480, 360);
+  pen.drawImage(bitmap, x, y + FRONT, WIDTH, WRIST, 480, 0, 640, 360);
+}
+
+function show(wanted) {
+  step = Math.max(0, Math.min(length, wanted));
+  position.value = step;
+  const told = step === length ? `end, ${step}` : `step ${step} of ${length}`;
+  where.textContent = `${told}, ${(step / hz).toFixed(1)} s`;
+  position.setAttribute("aria-valuetext", told);
+  const sheet = sheetOf(step), asked = step;
+  if (sheet.bitmap) drawSmall(sheet.bitmap, step % SHEET);
+  else sheet.loading.then((bitmap) => { if (step === asked) drawSmall(bitmap, asked % SHEET); }, () => {});
+  for (const button of strip.children) {
+    const its = Number(button.dataset.step);
+    button.toggleAttribute("aria-current", its <= step && step < Number(button.dataset.next));
+  }
+  request.abort();
+  clearTimeout(settling);
+  settling = setTimeout(settle, SETTLED_MS);
+}
+
+async function settle() {
+  if (playing) return;
+  history.replaceState(null, "", `?${new URLSearchParams({ artifact, episode, frame: step })}`);
+  request = new AbortController();
+  const asked = step;
+  try {
+    const bitmap = await image("still", { frame: asked }, request.signal);
+    if (step === asked && !playing) pen.drawImage(bitmap, 0, 0);
+    if (asked - (asked % SHEET) + SHEET <= length) sheetOf(asked - (asked % SHEET) + SHEET);
+  } catch (error) {
+    say(error);
+  }
+}
+
+let playing = false, began = 0, from = 0;
+
+function toggle() {
+  playing = !playing && (step < length || show(0) === undefined);
+  play.textContent = playing ? "Pause" : "Play";
+  play.setAttribute("aria-pressed", playing);
+  if (!playing) return settle();
+  [began, from] = [performance.now(), step];
+  requestAnimationFrame(advance);
+}
+
+function advance(now) {
+  if (!playing) return;
+  const wanted = from + Math.floor(((now - began) / 1000) * hz * Number(speed.value));
+  const ahead = wanted - (wanted % SHEET) + SHEET;
+  if (ahead <= length) sheetOf(ahead);
+  // Where images are not there yet, the film waits: every step is shown.
+  if (!sheetOf(Math.min(wanted, length)).bitmap) [began, from] = [now, step];
+  else if (wanted !== step) show(wanted);
+  if (step >= length) return toggle();
+  requestAnimationFrame(advance);
+}
+
+const strip = document.querySelector("#strip");
+
+async function overview() {
+  const stride = Math.max(1, Math.ceil((length + 1) / OVERVIEW));
+  const bitmap = await image("sheet", { first: 0, stride, count: OVERVIEW });
+  for (let place = 0, its = 0; its <= length; place += 1, its += stride) {
+    const button = document.createElement("button"), canvas = document.createElement("canvas");
+    Object.assign(canvas, { width: WIDTH, height: FRONT + WRIST });
+    const [x, y] = [(place % COLUMNS) * WIDTH, Math.floor(place / COLUMNS) * (FRONT + WRIST)];
+    canvas.getContext("2d").drawImage(bitmap, x, y, WIDTH, FRONT + WRIST, 0, 0, WIDTH, FRONT + WRIST);
+    Object.assign(button, { type: "button", ariaLabel: `Step ${its}` });
+    Object.assign(button.dataset, { step: its, next: its + stride });
+    button.append(canvas);
+    strip.append(button);
+  }
+}
+
+function stop() {
+  if (playing) toggle();
+}
+
+position.addEventListener("input", () => { stop(); show(Number(position.value)); });
+play.addEventListener("click", toggle);
+speed.addEventListener("change", () => { [began, from] = [performance.now(), step]; });
+film.addEventListener("click", (event) => {
+  const target = event.target.closest("[data-step]");
+  if (target) { stop(); show(Number(target.dataset.step)); }
+});
+
+const moves = {
+  ArrowLeft: (far) => step - far,
+  ArrowRight: (far) => step + far,
+  Home: () => 0,
+  End: () => length,
+};
+addEventListener("keydown", (event) => {
+  const at = event.target;
+  if (event.ctrlKey || event.metaKey || event.altKey || at.matches("select")) return;
+  if (at !== document.body && !film.contains(at) && at.id !== "main") return;
+  if (event.code in moves) {
+    stop();
+    show(moves[event.code](event.shiftKey ? 10 : 1));
+  } else if (event.code === "Space" && !at.matches("button")) {
+    toggle();
+  } else if (event.code === "PageUp" || event.code === "PageDown") {
+    document.querySelector(event.code === "PageUp" ? 'a[rel="prev"]' : 'a[rel="next"]')?.click();
+  } else return;
+  event.preventDefault();
+});
+
+show(step);
+overview().then(() => show(step), say);
