@@ -11,8 +11,8 @@ from juicer.teleoperation.controls import (
     FASTEST_RAD_S,
     GAMEPAD_DEAD_ZONE,
     Action,
-    Controls,
     ControllerState,
+    Controls,
     responded,
 )
 from juicer.teleoperation.key_maps import PRESETS, KeyMap, Speeds
