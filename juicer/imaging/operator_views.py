@@ -21,6 +21,7 @@ from juicer.imaging.look import Look
 from juicer.imaging.visual_model import visual_spec
 from juicer.sim.panda import END_EFFECTOR_SITE
 from juicer.tasks.registry import get_task
+from juicer.tasks.specification import TABLE_HEIGHT_M
 from juicer.views import FRONT_CAMERA, MAX_HEIGHT, MAX_WIDTH, WRIST_CAMERA
 
 Image = NDArray[np.uint8]
@@ -43,10 +44,11 @@ _LIGHT_DIRECTION = (-0.28, 0.05, -0.93)
 _FRONT_SHARE, _FRONT_BELOW = 0.86, 0.88
 """Share of the front camera's image that is shown, and how far below its middle that begins, of its half height."""
 _SIDE_DIRECTION = np.array([0.0, -0.92, -0.39])
-_SIDE_DISTANCE_M, _SIDE_REACH_M, _SIDE_BELOW_M = 0.6, 0.12, 0.03
-"""Half of the height that is shown, around a point so far below the end effector."""
+_SIDE_DISTANCE_M, _SIDE_ABOVE_M, _SIDE_BELOW_TABLE_M, _SIDE_LEAST_REACH_M = 0.6, 0.09, 0.06, 0.12
+"""Shown is what is around the end effector, from so far above it down to so far below the table's surface, and more of
+the table when that is less than twice the reach."""
 _WRIST_REACH_M, _WRIST_AHEAD_M = 0.06, 0.015
-"""The same, around a point so far ahead of the end effector."""
+"""Half of the height that is shown, around a point so far ahead of the end effector."""
 _WRIST_NEAREST = 0.5
 """Share of the distance to that point before which nothing is drawn: there is the hand."""
 _LINE_M, _LINE_PIXELS = 0.5, 2.0
@@ -112,7 +114,8 @@ class OperatorRenderer:
         if view is OperatorView.SIDE:
             forward = _SIDE_DIRECTION / np.linalg.norm(_SIDE_DIRECTION)
             up = np.cross([-1.0, 0.0, 0.0], forward)
-            position = self._end_effector - (0, 0, _SIDE_BELOW_M) - _SIDE_DISTANCE_M * forward
+            below = (0, 0, self._side_reach - _SIDE_ABOVE_M)
+            position = self._end_effector - below - _SIDE_DISTANCE_M * forward
             for eye in scene.camera:
                 eye.pos[:], eye.forward[:], eye.up[:] = position, forward, up
 
@@ -124,7 +127,7 @@ class OperatorRenderer:
             bottom = -_FRONT_BELOW * half
             middle_x, middle_y, half = 0.0, bottom + _FRONT_SHARE * half, _FRONT_SHARE * half
         elif view is OperatorView.SIDE:
-            middle_x, middle_y, half = 0.0, 0.0, _SIDE_REACH_M / _SIDE_DISTANCE_M
+            middle_x, middle_y, half = 0.0, 0.0, self._side_reach / _SIDE_DISTANCE_M
         else:
             camera = self._camera.fixedcamid
             axes = self._data.cam_xmat[camera].reshape(3, 3)
@@ -157,6 +160,12 @@ class OperatorRenderer:
         mujoco.mjr_readPixels(image, None, viewport, context)
         # OpenGL's first row is the lowest.
         return np.ascontiguousarray(image[::-1])
+
+    @property
+    def _side_reach(self) -> float:
+        """Half of the height that the view from the side shows [m]: little when the gripper is low."""
+        shown = _SIDE_ABOVE_M + float(self._end_effector[2]) - TABLE_HEIGHT_M + _SIDE_BELOW_TABLE_M
+        return max(shown / 2, _SIDE_LEAST_REACH_M)
 
     @property
     def _end_effector(self) -> Vector:
