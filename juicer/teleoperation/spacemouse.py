@@ -23,12 +23,6 @@ from juicer.text import printable
 FULL_DEFLECTION = 500
 """The original's; most models reach 350."""
 
-UDEV_RULE = """\
-SUBSYSTEM=="hidraw", ATTRS{idVendor}=="256f", TAG+="uaccess"
-SUBSYSTEM=="usb", ATTRS{idVendor}=="256f", TAG+="uaccess"
-"""
-"""What lets whoever sits at the machine read such devices: ``/etc/udev/rules.d/70-spacemouse.rules``."""
-
 _3DCONNEXION, _LOGITECH = 0x256F, 0x046D
 _MODELS_OF_LOGITECH = frozenset({0xC623, 0xC625, 0xC626, 0xC627, 0xC628, 0xC629, 0xC62B})
 """Those that were sold before 3Dconnexion had a number of its own."""

@@ -1,9 +1,12 @@
+import re
 from pathlib import Path
 
 import pytest
 
 from juicer.errors import ConfigError
 from juicer.teleoperation.key_maps import DESCRIPTIONS, PRESETS, Action, KeyMap, Motion, find_key_map
+
+DOCUMENTED = (Path(__file__).parents[2] / "docs" / "teleoperation.md").read_text()
 
 
 def written(tmp_path: Path, text: str) -> str:
@@ -57,6 +60,25 @@ def test_a_file_changes_what_it_names_and_leaves_the_rest(tmp_path: Path) -> Non
     assert key_map.buttons["Guide"] is Action.RESET
     assert key_map.speeds.keyboard_rad_s == 1.0
     assert key_map.speeds.keyboard_m_s == 0.1
+
+
+def test_the_documented_key_map_is_one(tmp_path: Path) -> None:
+    (example,) = re.findall(r"```toml\n(.*?)```", DOCUMENTED, re.DOTALL)
+    key_map = find_key_map(written(tmp_path, example))
+    assert keys_of(key_map, Action.UNDO_MORE) == {"KeyB"}
+    assert key_map.speeds.slow_stays
+
+
+@pytest.mark.parametrize(("column", "name"), list(enumerate(PRESETS, start=2)))
+def test_the_documented_keys_are_those_of_the_presets(column: int, name: str) -> None:
+    """Each cell has the keys of the one or two meanings of its row, by the letters that are printed on them."""
+    signs = {"↑": "ArrowUp", "↓": "ArrowDown", "←": "ArrowLeft", "→": "ArrowRight", ".": "Period", ";": "Semicolon"}
+    rows = [row.split("|") for row in DOCUMENTED.split("## Keys")[1].split("\n\n")[1].splitlines()[2:]]
+    keys = [key for row in rows for key in re.split(r"[, ]+", row[column].strip())]
+    named = [signs.get(key, f"Key{key}" if len(key) == 1 else f"{key}Left" if key == "Shift" else key) for key in keys]
+    gripper = [key for key, meaning in PRESETS[name].keys.items() if meaning is Action.GRIPPER]
+    order = [*list(Motion)[:12], *[Action.GRIPPER] * len(gripper), Motion.SLOW, *list(Action)[1:]]
+    assert [PRESETS[name].keys[key] for key in named] == order
 
 
 def test_an_empty_list_leaves_an_action_without_a_key(tmp_path: Path) -> None:

@@ -1,4 +1,6 @@
 import json
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -8,6 +10,8 @@ from hypothesis import strategies as st
 from juicer.errors import RefusedMessage
 from juicer.teleoperation.controls import ControllerState
 from juicer.teleoperation.messages import MOST_BYTES, MessageReader, parse_state
+
+DOCUMENTED = (Path(__file__).parents[2] / "docs" / "teleoperation.md").read_text()
 
 
 def message(**entries: Any) -> bytes:
@@ -31,6 +35,11 @@ def test_a_pose_device_sends_its_motion_and_its_clutch() -> None:
     )
     assert state.clutch
     assert state.pose_delta == (0.1, 0.0, 0.0, 0.0, 0.0, 0.5)
+
+
+def test_the_documented_message_is_one() -> None:
+    (example,) = re.findall(r"```json\n(.*?)```", DOCUMENTED, re.DOTALL)
+    assert parse_state(example).edges == {"clutch": 1, "gripper": 3}
 
 
 @pytest.mark.parametrize(
