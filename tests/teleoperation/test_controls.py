@@ -144,6 +144,13 @@ def test_either_button_of_a_spacemouse_toggles_the_gripper() -> None:
     assert Controls().intent(holding("KeyW").with_spacemouse(mouse)).presses == {Action.GRIPPER}
 
 
+def test_presses_of_a_device_from_before_the_connection_press_nothing() -> None:
+    mouse = ControllerState(source="spacemouse", sequence=3, edges={"Button0": 5})
+    controls = Controls(seen=mouse.edges)
+    assert not controls.intent(NOTHING.with_spacemouse(mouse)).presses
+    assert controls.intent(NOTHING.with_spacemouse(replace(mouse, edges={"Button0": 6}))).presses == {Action.GRIPPER}
+
+
 def test_a_state_says_spacemouse_only_while_it_is_moved() -> None:
     mouse = ControllerState(source="spacemouse", sequence=3, twist=(0.0,) * 6)
     assert NOTHING.with_spacemouse(mouse).source == "keyboard"
