@@ -73,6 +73,25 @@ class LogNotWritten(JuicerError, OSError):
         return f"log '{self.filename}' cannot be written: {self.strerror}" if self.filename else super().__str__()
 
 
+class RefusedMessage(JuicerError):
+    """A message of a teleoperation device is none, or cannot follow those before it."""
+
+
+class DeviceUnavailable(JuicerError):
+    """A teleoperation device cannot be read on this machine."""
+
+
+class DraftNotWritten(JuicerError, OSError):
+    """The episode in hand cannot be written; made of ``errno``, reason and path, as every refusal of a disk."""
+
+    def __str__(self) -> str:
+        return f"the episode in hand is in memory only, as '{self.filename}' cannot be written: {self.strerror}"
+
+
+class UnusableDraft(JuicerError):
+    """What was recorded of an episode cannot be taken up again."""
+
+
 class InvalidLabels(JuicerError):
     """A file of critical states labelled by hand contradicts itself or the episodes."""
 
