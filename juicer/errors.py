@@ -73,6 +73,14 @@ class LogNotWritten(JuicerError, OSError):
         return f"log '{self.filename}' cannot be written: {self.strerror}" if self.filename else super().__str__()
 
 
+class RefusedMessage(JuicerError):
+    """A message of a teleoperation device is none, or cannot follow those before it."""
+
+
+class DeviceUnavailable(JuicerError):
+    """A teleoperation device cannot be read on this machine."""
+
+
 class InvalidLabels(JuicerError):
     """A file of critical states labelled by hand contradicts itself or the episodes."""
 
