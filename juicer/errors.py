@@ -81,6 +81,17 @@ class DeviceUnavailable(JuicerError):
     """A teleoperation device cannot be read on this machine."""
 
 
+class DraftNotWritten(JuicerError, OSError):
+    """The episode in hand cannot be written; made of ``errno``, reason and path, as every refusal of a disk."""
+
+    def __str__(self) -> str:
+        return f"the episode in hand is in memory only, as '{self.filename}' cannot be written: {self.strerror}"
+
+
+class UnusableDraft(JuicerError):
+    """What was recorded of an episode cannot be taken up again."""
+
+
 class InvalidLabels(JuicerError):
     """A file of critical states labelled by hand contradicts itself or the episodes."""
 

@@ -39,7 +39,7 @@ CLUTCH = "clutch"
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerState:
-    """All that an operator's devices show at one moment: a state, not events, so that a lost or repeated one is harmless.
+    """All that an operator's devices show at one moment: a state, not events, so that losing one does no harm.
 
     Attributes:
         source: The device that is in use, for the record; what is held and moved counts whatever it says.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass
 
-from juicer.teleoperation.controls import Controls, ControllerState, Intent
+from juicer.teleoperation.controls import ControllerState, Controls, Intent
 
 DEAD_AFTER_S = 0.25
 """Nothing heard for so long means that nobody holds the controls."""

@@ -10,8 +10,8 @@ GAMEPAD_BUTTONS = (
 )  # fmt: skip
 """Buttons of the Gamepad API's standard mapping, in its order."""
 
-SPACEMOUSE_BUTTONS = tuple(f"Button{number}" for number in range(32))
-"""Buttons of a SpaceMouse: the left one, the right one, and what larger models have."""
+SPACEMOUSE_BUTTONS = ("Button0", "Button1")
+"""The left and the right button of a SpaceMouse; what larger models have besides means nothing."""
 
 KEYS_OF_THE_PAGE: Mapping[str, str] = {
     "Tab": "it moves the focus from one control of the page to the next",

@@ -18,8 +18,8 @@ from pydantic import BeforeValidator, Field
 from juicer.config import StrictConfig, parse_config
 from juicer.errors import ConfigError, did_you_mean
 from juicer.reading import read_bounded
-from juicer.text import printable
 from juicer.teleoperation.key_codes import GAMEPAD_BUTTONS, KEY_CODES, KEYS_OF_THE_PAGE, SPACEMOUSE_BUTTONS
+from juicer.text import printable
 
 MOST_BYTES = 65_536
 """Largest file with a key map."""
@@ -133,7 +133,7 @@ class KeyMap:
 
 
 _COMMON_KEYS: Bindings = {"Space": Action.GRIPPER, "ShiftLeft": Motion.SLOW, "ShiftRight": Motion.SLOW}
-"""Of every preset: a large key for the gripper, and slow mode, since what people miss at an insertion is fine motion."""
+"""Of every preset: a large key for the gripper, and slow mode, for what people miss at an insertion is fine motion."""
 
 _GAMEPAD: Bindings = {
     "A": Action.GRIPPER,
@@ -206,7 +206,8 @@ def find_key_map(name: str) -> KeyMap:
         return PRESETS[name]
     if not name.endswith(".toml"):
         raise ConfigError(
-            f"unknown key map '{printable(name)}'{did_you_mean(name, PRESETS)}, or the path of a file that ends in .toml"
+            f"there is no key map '{printable(name)}', and it is no path of a file that ends in .toml"
+            f"{did_you_mean(name, PRESETS)}"
         )
     return read_key_map(Path(name))
 

@@ -1,4 +1,4 @@
-"""The live session: one thread owns physics, clock and recorder. Others set the newest wish and read the newest moment."""
+"""The live session: one thread owns physics, clock and recorder; others set the newest wish, read the newest moment."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from juicer.sim.env import STEP_S
 from juicer.teleoperation.beat import Beat
-from juicer.teleoperation.controls import Controls, ControllerState
+from juicer.teleoperation.controls import ControllerState, Controls
 from juicer.teleoperation.inbox import Inbox
 from juicer.teleoperation.status import Phase, Snapshot, Status
 from juicer.teleoperation.work import Ending, Work
@@ -31,8 +31,13 @@ logger = logging.getLogger(__name__)
 class Session:
     """Lets time pass for an operator's work, in a thread of its own."""
 
-    def __init__(self, work: Work) -> None:
-        """Prepare; :meth:`start` lets time pass."""
+    def __init__(self, work: Work, first_number: int = 0) -> None:
+        """Prepare; :meth:`start` lets time pass.
+
+        Args:
+            work: What the operator works at.
+            first_number: Number of the first moment.
+        """
         self._work = work
         self._inbox = Inbox(Controls())
         self._changed = threading.Condition()
@@ -40,11 +45,12 @@ class Session:
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
         now = time.monotonic()
         self._frames, self._steps = Beat(now), Beat(now)
-        self._before = self._after = work.env.data.qpos.copy()
+        self._before: NDArray[np.float64] = work.env.data.qpos.copy()
+        self._after = self._before
         self._stepped_at, self._ended_at = now, now
         self._moved_by = -1
         self._time_scale, self._undo_s = 1.0, work.undo_s
-        self._snapshot = self._look(now, 0)
+        self._snapshot = self._look(now, first_number)
 
     def start(self) -> None:
         """Let time pass."""
@@ -134,12 +140,12 @@ class Session:
     def _between(self, now: float) -> NDArray[np.float64]:
         """Joint positions on the way of the last step: physics is a step ahead of what is shown, and never waits."""
         share = min((now + FRAME_S - self._stepped_at) * self._time_scale / STEP_S, 1.0)
-        if share >= 1.0 or self._before is self._after:
-            return self._after
-        model, shown = self._work.env.model, self._before.copy()
-        velocity = np.empty(model.nv)
-        mujoco.mj_differentiatePos(model, velocity, 1.0, self._before, self._after)
-        mujoco.mj_integratePos(model, shown, velocity, share)
+        shown = self._after
+        if share < 1.0:
+            model, velocity = self._work.env.model, np.empty(self._work.env.model.nv)
+            shown = self._before.copy()
+            mujoco.mj_differentiatePos(model, velocity, 1.0, self._before, self._after)
+            mujoco.mj_integratePos(model, shown, velocity, share)
         return shown
 
     def _status(self) -> Status:

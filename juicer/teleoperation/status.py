@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from juicer.teleoperation.verification import Verification
+
 
 class Phase(StrEnum):
     """What becomes of the present moment."""
@@ -23,30 +25,17 @@ class Phase(StrEnum):
     """The episode has ended: it is being saved, or waits for what the operator decides."""
 
 
-class Keeping(StrEnum):
-    """How far an episode that ended is kept."""
-
-    CHECKING = "checking"
-    """Written whole, and being replayed."""
-    SAVED = "saved"
-    """Written, replayed and found good."""
-    REJECTED = "rejected"
-    """Replayed and found not to be what it claims."""
-
-
 @dataclass(frozen=True)
 class Kept:
     """What became of an episode that ended in this session.
 
     Attributes:
         name: Name of its log.
-        keeping: How far it is.
-        sentence: The same for people.
+        verification: What is known of that.
     """
 
     name: str
-    keeping: Keeping
-    sentence: str
+    verification: Verification
 
 
 @dataclass(frozen=True)
@@ -70,7 +59,7 @@ class Status:
         pairs: Pairs of the task.
         gripper_closes: Whether the gripper was told to close.
         slow: Whether slow mode is on.
-        saved: Logs in the folder, those of earlier sessions too.
+        saved: Good logs in the folder, those of earlier sessions too.
         kept: What became of the last episodes of this session, newest first.
         folder: Where the logs are.
     """

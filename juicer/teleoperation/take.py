@@ -40,9 +40,15 @@ class Take(EpisodeRecorder):
         idle: Whether the operator commanded nothing, a step.
     """
 
-    def __init__(self, env: AssemblyEnv, seed: int) -> None:
-        """Reset the environment to a seed and record from there."""
+    def __init__(self, env: AssemblyEnv, seed: int, state: NDArray[np.float64] | None = None) -> None:
+        """Reset the environment to a seed and record from there, or from another state.
+
+        Raises:
+            InvalidEpisode: If the state is none of this scene.
+        """
         env.reset(seed=seed)
+        if state is not None:
+            env.set_state(state)
         super().__init__(env)
         self.seed = seed
         self.idle: list[bool] = []
@@ -69,15 +75,22 @@ class Take(EpisodeRecorder):
             return 0
         kept = len(self) - steps
         self._env.set_state(np.asarray(self._steps[STATE_KEY][kept]))
-        for values in (*self._steps.values(), self.idle, self._infos):
+        for values in self._steps.values():
             del values[kept:]
+        del self.idle[kept:], self._infos[kept:]
         self.observation, self.done = self._env.observation(), False
         self.info = self._infos[-1] if self._infos else {}
         return steps
 
-    def last_step(self) -> Mapping[str, NDArray[np.generic]]:
-        """Arrays of the step that was recorded last, as its log will have them."""
-        return {name: np.asarray(values[-1]) for name, values in self._steps.items()}
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """The simulator's present state."""
+        return self._env.get_state()
+
+    @property
+    def last_step(self) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        """Simulator state before the last action, and that action."""
+        return np.asarray(self._steps[STATE_KEY][-1], np.float64), np.asarray(self._steps["action"][-1], np.float32)
 
     @property
     def actions(self) -> NDArray[np.float32]:

@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from juicer.demonstration.correction import KEPT_AFTER_TOGGLE
 from juicer.demonstration.log import MOST_STEPS
 from juicer.episode import Outcome
-from juicer.errors import JuicerError
+from juicer.errors import DraftNotWritten, JuicerError, UnusableDraft
 from juicer.geometry import rot6d_to_matrix, rotvec_to_matrix
 from juicer.gripper import gripper_commands
 from juicer.sim.env import STEP_S, AssemblyEnv
 from juicer.teleoperation.controls import Intent
+from juicer.teleoperation.drafts import Beginning, LeftDraft
 from juicer.teleoperation.key_maps import Action
 from juicer.teleoperation.logs import Logs
 from juicer.teleoperation.status import Phase
@@ -97,10 +98,39 @@ class Work:
         self._begin(logs.next_seed())
 
     def _begin(self, seed: int, note: str = "") -> None:
-        self.take = Take(self.env, seed)
-        self.logs.begin(self.take, self.choice)
-        self.ending: Ending | None = None
         self._began = _now()
+        self.take = Take(self.env, seed)
+        choice = self.choice
+        beginning = Beginning(
+            task=choice.task, randomness=choice.randomness, seed=seed, began=self._began,
+            operator=choice.operator, keys=choice.keys,
+        )  # fmt: skip
+        self.logs.begin(beginning, self.take)
+        self._prepare(note)
+
+    def resume(self, left: LeftDraft) -> None:
+        """Go on with an episode that was interrupted, where it was; the one in hand must be a new one.
+
+        Raises:
+            UnusableDraft: If somebody else goes on with it, or it is of another task.
+            DraftNotWritten: If the disk refuses that.
+        """
+        beginning = left.beginning
+        if (beginning.task, beginning.randomness) != (self.choice.task, self.choice.randomness):
+            raise UnusableDraft(f"draft '{left.path.name}' is of {beginning.task} at {beginning.randomness} randomness")
+        take = Take(self.env, beginning.seed, left.state)
+        resumed = left.resume(self.env, lambda action, idle: take.act(action, idle=idle))
+        self.logs.go_on_with(left.take_up(resumed))
+        self.take, self._began = take, beginning.began
+        lost = len(left.steps) - resumed
+        self._prepare(
+            f"Here you were interrupted, after {resumed} steps"
+            + (f"; {lost} more could not be computed again by this version of the simulator" if lost else "")
+        )
+        self._follow_gripper()
+
+    def _prepare(self, note: str) -> None:
+        self.ending: Ending | None = None
         self._sources: set[str] = set()
         self._hold: NDArray[np.float64] | None = None
         self._gripper = OPEN
@@ -135,8 +165,9 @@ class Work:
         if self.ending is Ending.KEPT:
             return
         if action is Action.DISCARD:
+            seed = self.logs.next_seed()
             self.logs.drop()
-            self._begin(self.logs.next_seed(), "Discarded; this is another initial state")
+            self._begin(seed, "Discarded; this is another initial state")
         elif action is Action.RESET:
             self.logs.drop()
             self._begin(self.take.seed, "The same initial state anew")
@@ -166,14 +197,18 @@ class Work:
 
     def _undo(self, steps: int) -> None:
         undone = self.take.undo(steps)
-        self.logs.rewind(len(self.take))
+        self._follow_gripper()
+        self.ending, self._hold, self._toggled, self._grace = None, None, False, 0
+        self.acts = False
+        self._note = f"Took back {undone} steps" if undone else "There is nothing to take back"
+        self.logs.take_back(undone)
+
+    def _follow_gripper(self) -> None:
+        """Know again what the gripper was told last, and when."""
         commands = gripper_commands(self.take.actions)
         toggles = np.flatnonzero(np.diff(commands, prepend=OPEN))
         self._gripper = float(commands[-1]) if len(commands) else OPEN
         self._since_toggle = len(commands) - 1 - int(toggles[-1]) if len(toggles) else KEPT_AFTER_TOGGLE
-        self.ending, self._hold, self._toggled, self._grace = None, None, False, 0
-        self.acts = False
-        self._note = f"Took back {undone} steps" if undone else "There is nothing to take back"
 
     def step(self, intent: Intent, *, present: bool, source: str = "") -> bool:
         """One control step; False if the world stands still.
@@ -202,7 +237,10 @@ class Work:
         self._since_toggle = 0 if self._toggled else self._since_toggle + 1
         self._toggled = False
         self.take.act(self._action(intent if acts else Intent()), idle=not acts)
-        self.logs.add(self.take)
+        try:
+            self.logs.add(self.take)
+        except DraftNotWritten as error:
+            self._note = f"{error}; what you record is kept in memory only"
         if self.take.done:
             self._end()
         return True
@@ -218,7 +256,8 @@ class Work:
             # Where it was when the operator let go: holding the last target would lead on.
             self._hold = shown[:9] if self._hold is None else self._hold
             pose = self._hold
-        return np.clip(np.append(pose, self._gripper), -1.0, 1.0)
+        action: NDArray[np.float64] = np.clip(np.append(pose, self._gripper), -1.0, 1.0)
+        return action
 
     def _end(self) -> None:
         outcome = self.take.outcome

@@ -1,0 +1,85 @@
+// What the operator sees: a canvas an image, and how long it took from a key to the screen.
+
+const MEASURED = 40;
+
+const median = (values) => [...values].sort((a, b) => a - b)[Math.floor(values.length / 2)];
+
+export class Screen {
+  #canvases = [];
+  #sentAt = new Map();
+  #latencies = [];
+  #paints = [];
+  #lastNumber = -1;
+  #dropped = 0;
+  #painting = 0;
+
+  constructor(place, panes) {
+    place.replaceChildren(...panes.map((pane) => this.#figure(pane)));
+  }
+
+  #figure({ name, title, width, height, of_policy: policy }) {
+    const figure = document.createElement("figure");
+    figure.className = policy ? "policy" : name === "operator" ? "wide" : "half";
+    const caption = document.createElement("figcaption");
+    caption.textContent = title;
+    const canvas = document.createElement("canvas");
+    Object.assign(canvas, { width, height });
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", title);
+    canvas.dataset.pane = name;
+    figure.append(caption, canvas);
+    this.#canvases.push(canvas.getContext("2d", { alpha: false }));
+    return figure;
+  }
+
+  /** A message left; the first frame that was made after it arrived ends the time from key to screen. */
+  sent(sequence) {
+    this.#sentAt.set(sequence, performance.now());
+  }
+
+  /** A connection that begins counts anew. */
+  restart() {
+    this.#sentAt.clear();
+    this.#lastNumber = -1;
+  }
+
+  /** Paints a frame; resolves once it is on the screen, or at once if a newer one was painted before. */
+  async paint(frame) {
+    const bitmaps = await Promise.all(
+      frame.images.map((jpeg) => (jpeg ? createImageBitmap(new Blob([jpeg], { type: "image/jpeg" })) : null)),
+    );
+    if (frame.number < this.#painting) return;
+    this.#painting = frame.number;
+    await new Promise(requestAnimationFrame);
+    bitmaps.forEach((bitmap, index) => {
+      const canvas = this.#canvases[index];
+      if (bitmap && canvas) canvas.drawImage(bitmap, 0, 0, canvas.canvas.width, canvas.canvas.height);
+      bitmap?.close();
+    });
+    this.#count(frame);
+  }
+
+  #count({ number, heard }) {
+    const now = performance.now();
+    if (this.#lastNumber >= 0) this.#dropped += Math.max(number - this.#lastNumber - 1, 0);
+    this.#lastNumber = number;
+    this.#paints.push(now);
+    while (this.#paints[0] < now - 2000) this.#paints.shift();
+    for (const [sequence, at] of this.#sentAt) {
+      if (sequence > heard) break;
+      this.#latencies.push(now - at);
+      this.#sentAt.delete(sequence);
+    }
+    this.#latencies.splice(0, this.#latencies.length - MEASURED);
+  }
+
+  /** Figures of the connection. */
+  get figures() {
+    const seconds = Math.max((this.#paints.at(-1) - this.#paints[0]) / 1000, 0.001);
+    return {
+      latencyMs: this.#latencies.length ? Math.round(median(this.#latencies)) : null,
+      framesPerSecond: this.#paints.length > 1 ? (this.#paints.length - 1) / seconds : 0,
+      dropped: this.#dropped,
+    };
+  }
+}

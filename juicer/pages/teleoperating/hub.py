@@ -1,0 +1,230 @@
+"""The one live session of a server, and the pages that watch it or have its controls."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from juicer.errors import ConfigError, RefusedMessage
+from juicer.pages.teleoperating.wire import Begin, Pace
+from juicer.tasks.registry import TASK_NAMES
+from juicer.tasks.specification import Randomness
+from juicer.teleoperation.controls import ControllerState, Controls
+from juicer.teleoperation.key_maps import DEFAULT, DESCRIPTIONS, PRESETS, KeyMap, find_key_map
+from juicer.teleoperation.logs import Logs
+from juicer.teleoperation.messages import MessageReader
+from juicer.teleoperation.painter import PANES, Frame, Painter
+from juicer.teleoperation.session import Session
+from juicer.teleoperation.verification import Verifier
+from juicer.teleoperation.work import Choice, Work
+from juicer.text import printable
+
+CREDIT = 2
+"""Frames that may be on their way to a page: so many that none waits, and no more, so that none queues."""
+
+
+class Client:
+    """A page that is connected.
+
+    Attributes:
+        news: Set when there may be something to be sent.
+        credit: Frames that may still be sent before the page acknowledges one.
+        number: Number of the frame that it has; -1 before the first.
+        sent: By name of the pane, the number of the image that it has.
+        wants_numbers: Whether it asked for the observation as numbers, too.
+        reader: Judges its messages.
+        controls: Turns its keys into wishes.
+    """
+
+    def __init__(self) -> None:
+        """Begin with the connection."""
+        self.news = asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+        self.credit = CREDIT
+        self.number = -1
+        self.sent: dict[str, int] = {}
+        self.wants_numbers = False
+        self.reader = MessageReader()
+        self.controls = Controls()
+
+    def wake(self) -> None:
+        """Look for something to be sent; any thread may call it."""
+        try:
+            self._loop.call_soon_threadsafe(self.news.set)
+        except RuntimeError:  # the server has ended
+            return
+
+
+class Hub:
+    """Who is connected, who has the controls, and what goes on.
+
+    Attributes:
+        folder: Where recordings lie, a folder a task.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        """Begin with nothing going on."""
+        self.folder = folder
+        self._clients: set[Client] = set()
+        self._driver: Client | None = None
+        self._session: Session | None = None
+        self._painter: Painter | None = None
+        self._key_map: KeyMap = DEFAULT
+        self._verifier = Verifier()
+        self._number = 0
+
+    @property
+    def frame(self) -> Frame | None:
+        """The newest frame."""
+        return self._painter.frame if self._painter else None
+
+    def enter(self) -> Client:
+        """A page connects; it gets the controls if nobody has them."""
+        client = Client()
+        self._clients.add(client)
+        if self._painter:
+            self._painter.watch(client.wake)
+        if self._driver is None:
+            self.give_controls(client)
+        return client
+
+    def leave(self, client: Client) -> None:
+        """A page is gone."""
+        self._clients.discard(client)
+        if self._painter:
+            self._painter.leave(client.wake)
+        if self.drives(client):
+            self._driver = None
+            self.release()
+            self._wake_all()
+
+    def drives(self, client: Client) -> bool:
+        """Whether a page has the controls."""
+        return self._driver is client
+
+    def give_controls(self, client: Client) -> None:
+        """A page takes the controls from whoever has them."""
+        self._driver = client
+        client.controls.key_map = self._key_map
+        if self._session:
+            self._session.take_over(client.controls)
+        self._wake_all()
+
+    def hear(self, client: Client, state: ControllerState) -> None:
+        """Take what a page's operator does; it counts if the page has the controls."""
+        if self._session and self.drives(client):
+            self._session.hear(state)
+
+    def pace(self, client: Client, order: Pace) -> None:
+        """Change the pace, if the page has the controls."""
+        if self._session and self.drives(client):
+            self._session.pace(order.time_scale, order.undo_s)
+
+    def release(self) -> None:
+        """Nobody holds the controls until the next message."""
+        if self._session:
+            self._session.release()
+
+    async def begin(self, client: Client, order: Begin) -> None:
+        """End what goes on and record something else.
+
+        Raises:
+            RefusedMessage: If another page has the controls.
+            ConfigError: If there is no such task, randomness or key map; what went on goes on.
+            LogNotWritten: If the folder of the logs cannot be written.
+        """
+        if self._session and not self.drives(client):
+            raise RefusedMessage("another page has the controls; take them over before you begin something else")
+        self._key_map = self._find_key_map(order.keys)
+        choice = Choice(
+            task=order.task, randomness=order.randomness, operator=printable(order.operator.strip()),
+            target=order.target, keys=self._key_map.name,
+        )  # fmt: skip
+        if choice.task not in TASK_NAMES:
+            raise ConfigError(f"there is no task '{printable(choice.task)}'; there are {', '.join(TASK_NAMES)}")
+        self.end()
+        # Building a scene takes a second, in which others are to be served.
+        work = await asyncio.to_thread(lambda: Work(choice, self._logs(choice.task)))
+        self.end()
+        self._session = Session(work, self._number)
+        self._painter = Painter(self._session)
+        self._session.start()
+        self._painter.start()
+        for each in self._clients:
+            each.number, each.sent = -1, {}
+            self._painter.watch(each.wake)
+        self.give_controls(client)
+
+    def end(self) -> None:
+        """End what goes on; what was recorded of the episode in hand stays on the disk."""
+        if self._painter:
+            self._painter.close()
+        if self._session:
+            self._session.close()
+            # Pages tell an older frame from a newer one by its number.
+            self._number = self._session.latest.number + 1
+        self._session = self._painter = None
+        self._wake_all()
+
+    def greeting(self) -> dict[str, Any]:
+        """What a page must know before anything goes on."""
+        return {
+            "kind": "greeting",
+            "tasks": list(TASK_NAMES),
+            "randomness": [level.value for level in Randomness],
+            "key_maps": [*PRESETS, *self._own_key_maps()],
+            "panes": [
+                {name: getattr(each, name) for name in ("name", "title", "width", "height", "of_policy")}
+                for each in PANES
+            ],
+            "folder": str(self.folder),
+        }  # fmt: skip
+
+    def status(self, client: Client) -> dict[str, Any]:
+        """What a page is to say now."""
+        told: dict[str, Any] = {
+            "drives": self.drives(client),
+            "is_driven": self._driver is not None,
+            "going_on": self._session is not None,
+            "keys": _shown_keys(self._key_map),
+        }
+        if frame := self.frame:
+            told |= {**asdict(frame.snapshot.status), "problem": frame.problem}
+            if client.wants_numbers:
+                told["numbers"] = frame.snapshot.numbers()
+        return told
+
+    def close(self) -> None:
+        """End everything."""
+        self.end()
+        self._verifier.close()
+
+    def _logs(self, task: str) -> Logs:
+        return Logs(self.folder / task, task, self._verifier)
+
+    def _find_key_map(self, name: str) -> KeyMap:
+        own = self._own_key_maps()
+        return find_key_map(str(own[name])) if name in own else find_key_map(name)
+
+    def _own_key_maps(self) -> Mapping[str, Path]:
+        """Key maps that lie beside the recordings, by their names."""
+        return {printable(path.name, 60): path for path in sorted(self.folder.glob("*.toml"))[:20]}
+
+    def _wake_all(self) -> None:
+        for client in self._clients:
+            client.wake()
+
+
+def _shown_keys(key_map: KeyMap) -> list[dict[str, Any]]:
+    """What keys mean, in the order of the meanings."""
+    keys: dict[str, list[str]] = {}
+    for key, meaning in key_map.keys.items():
+        keys.setdefault(meaning, []).append(key)
+    return [
+        {"meaning": meaning.value, "text": text, "keys": keys[meaning]}
+        for meaning, text in DESCRIPTIONS.items()
+        if meaning in keys
+    ]

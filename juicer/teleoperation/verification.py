@@ -1,0 +1,186 @@
+"""Whether a log that was written can be learned from: it is ingested for trial, and replayed from its first state.
+
+This is done by a process of low priority, a new one for each log, so that nothing that happens to it reaches whoever
+drives the robot.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from multiprocessing.connection import Connection
+from pathlib import Path
+from queue import SimpleQueue
+
+import numpy as np
+
+from juicer.demonstration.ingestion import Ingestion, IngestionConfig
+from juicer.demonstration.log import OperatorLog, read_log
+from juicer.episode import STATE_KEY, Outcome
+from juicer.errors import RejectedLog
+from juicer.sim.env import AssemblyEnv
+
+ATTEMPTS = 2
+"""Processes that are given a log before it is left for ingestion to judge."""
+NICENESS = 15
+_SECONDS_TO_END = 5.0
+
+
+class Verdict(StrEnum):
+    """How far the check of a log is."""
+
+    CHECKING = "checking"
+    """It waits for the process, or is being replayed."""
+    VERIFIED = "verified"
+    """It can be learned from, and replays bit for bit."""
+    REJECTED = "rejected"
+    """It cannot be learned from."""
+    UNCHECKED = "unchecked"
+    """The process died over it, again and again."""
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What is known of a log.
+
+    Attributes:
+        verdict: How far its check is.
+        sentence: The same for people; why, if it was rejected.
+    """
+
+    verdict: Verdict
+    sentence: str
+
+
+Check = Callable[[Path, str], Verification]
+"""Judges a log of a task."""
+
+CHECKING = Verification(Verdict.CHECKING, "It is being replayed")
+
+
+class Verifier:
+    """Checks logs one after the other in the background; never lets its caller wait.
+
+    Attributes:
+        pid: The process at work now, if there is one.
+    """
+
+    def __init__(self, check: Check | None = None) -> None:
+        """Start nothing yet.
+
+        Args:
+            check: What is done in the process; :func:`verify` if None.
+        """
+        self.pid: int | None = None
+        self._check = check or verify
+        self._known: dict[Path, Verification] = {}
+        self._asked: SimpleQueue[tuple[Path, str] | None] = SimpleQueue()
+        self._closed = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def submit(self, path: Path, task: str) -> None:
+        """Have a log of a task checked."""
+        self._known[path] = CHECKING
+        self._asked.put((path, task))
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._work, name="verifier", daemon=True)
+            self._thread.start()
+
+    def known(self, path: Path) -> Verification | None:
+        """What is known of a log by now; None if it was never submitted."""
+        return self._known.get(path)
+
+    def close(self) -> None:
+        """End the process; what it is at is not checked."""
+        self._closed.set()
+        self._asked.put(None)
+        if self._thread is not None:
+            self._thread.join()
+
+    def _work(self) -> None:
+        while (asked := self._asked.get()) is not None and not self._closed.is_set():
+            self._known[asked[0]] = self._checked(*asked)
+
+    def _checked(self, path: Path, task: str) -> Verification:
+        for _ in range(ATTEMPTS):
+            answer = self._ask(path, task)
+            if answer or self._closed.is_set():
+                return answer or CHECKING
+        return Verification(
+            Verdict.UNCHECKED,
+            f"It is written, but the process that replays it died {ATTEMPTS} times; ingestion will judge it",
+        )
+
+    def _ask(self, path: Path, task: str) -> Verification | None:
+        """Let a process check a log; None if it dies."""
+        spawning = multiprocessing.get_context("spawn")
+        link, its_end = spawning.Pipe()
+        process = spawning.Process(
+            target=_answer, args=(its_end, self._check, path, task), name="verification", daemon=True
+        )
+        process.start()
+        self.pid = process.pid
+        its_end.close()
+        try:
+            os.setpriority(os.PRIO_PROCESS, process.pid or 0, NICENESS)
+            while not link.poll(0.1):
+                if self._closed.is_set():
+                    process.kill()
+                    return None
+            answer: Verification = link.recv()
+        except (EOFError, OSError):
+            return None
+        else:
+            return answer
+        finally:
+            self.pid = None
+            link.close()
+            process.join(_SECONDS_TO_END)
+            process.kill()
+
+
+def verify(path: Path, task: str) -> Verification:
+    """Judge a log as ingestion would, then replay it; whatever is wrong with it is the sentence.
+
+    Raises:
+        ConfigError: If there is no such task.
+    """
+    try:
+        log = read_log(path)
+        Ingestion(IngestionConfig(task=task)).ingest_log(log, path.name)
+        steps = replay(log)
+    except RejectedLog as error:
+        return Verification(Verdict.REJECTED, f"It cannot be used: {error}")
+    return Verification(Verdict.VERIFIED, f"Saved: its {steps:,} steps replay bit for bit to a success")
+
+
+def replay(log: OperatorLog) -> int:
+    """Execute a log's actions from its first state, and compare every state with what was recorded.
+
+    Returns:
+        Its steps.
+
+    Raises:
+        RejectedLog: If a state differs in a single bit, or the last one is no success.
+    """
+    env = AssemblyEnv(log.task, log.randomness)
+    states = np.vstack([log.steps[STATE_KEY], log.final[STATE_KEY]])
+    env.set_state(states[0])
+    for step, action in enumerate(log.steps["action"]):
+        env.step(action)
+        if env.get_state().tobytes() != states[step + 1].tobytes():
+            raise RejectedLog(f"a replay of its actions leads elsewhere after step {step}")
+    if env.outcome is not Outcome.SUCCESS:
+        raise RejectedLog("a replay of its actions ends without a success")
+    return len(log)
+
+
+def _answer(link: Connection, check: Check, path: Path, task: str) -> None:
+    try:
+        link.send(check(path, task))
+    except (BrokenPipeError, KeyboardInterrupt):
+        return
