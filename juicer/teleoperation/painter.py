@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import threading
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -17,6 +18,10 @@ from juicer.teleoperation.session import Session
 from juicer.teleoperation.status import Snapshot
 from juicer.views import FRONT_CAMERA, View
 
+QUICK_S = 0.02
+"""An image that takes longer is drawn well only while nothing moves."""
+STILL = 5
+"""Moments without a movement after which nothing moves."""
 _QUALITY = 85
 _PATIENCE_S = 0.5
 
@@ -34,6 +39,7 @@ class Pane:
         width: Pixels.
         height: Pixels.
         draw: Draws it.
+        quickly: Draws it less well, where drawing it well would take too long to drive by.
         of_policy: Whether it is what a policy sees; such images are drawn every second time.
     """
 
@@ -42,6 +48,7 @@ class Pane:
     width: int
     height: int
     draw: Draw
+    quickly: Draw | None = None
     of_policy: bool = False
 
 
@@ -53,11 +60,12 @@ def _plain(view: View) -> Draw:
     return lambda renderer, snapshot: renderer.draw(snapshot.qpos, view, snapshot.end_effector)
 
 
+_FRONT = View(camera="front", width=480, height=360, supersampling=2)
 _WRIST = View(camera="wrist", width=480, height=270)
 _POLICY_FRONT, _POLICY_WRIST = View(camera="front"), View(camera="wrist")
 
 PANES = (
-    Pane("operator", "Your view", 480, 360, _for_people(FRONT_CAMERA, 480, 360)),
+    Pane("operator", "Your view", 480, 360, _for_people(FRONT_CAMERA, 480, 360), quickly=_plain(_FRONT)),
     Pane("wrist", "Wrist", 480, 270, _plain(_WRIST)),
     Pane("policy_front", "Policy: front", 96, 96, _plain(_POLICY_FRONT), of_policy=True),
     Pane("policy_wrist", "Policy: wrist", 96, 96, _plain(_POLICY_WRIST), of_policy=True),
@@ -73,11 +81,13 @@ class Picture:
         number: Of the moment that it shows.
         qpos: Joint positions that it shows ``(nq,)``.
         jpeg: The image.
+        is_quick: Whether it could be drawn better.
     """
 
     number: int
     qpos: NDArray[np.float64]
     jpeg: bytes
+    is_quick: bool = False
 
 
 @dataclass(frozen=True)
@@ -107,6 +117,8 @@ class Painter:
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="painter", daemon=True)
         self._frame = Frame(session.latest)
+        self._moved_at = 0
+        self._well_s = 0.0
 
     @property
     def frame(self) -> Frame:
@@ -152,15 +164,25 @@ class Painter:
                 listener()
 
     def _pictures(self, snapshot: Snapshot) -> Mapping[str, Picture]:
+        if not np.array_equal(self._frame.snapshot.qpos, snapshot.qpos):
+            self._moved_at = snapshot.number
         return {pane.name: self._picture(pane, snapshot) for pane in PANES}
 
     def _picture(self, pane: Pane, snapshot: Snapshot) -> Picture:
         last = self._frame.pictures.get(pane.name)
+        quickly = pane.quickly is not None and self._well_s > QUICK_S and snapshot.number < self._moved_at + STILL
         if last and (
-            np.array_equal(last.qpos, snapshot.qpos) or (pane.of_policy and snapshot.number < last.number + 2)
+            (np.array_equal(last.qpos, snapshot.qpos) and (quickly or not last.is_quick))
+            or (pane.of_policy and snapshot.number < last.number + 2)
         ):
             return last
-        return Picture(snapshot.number, snapshot.qpos, _encoded(pane.draw(self._renderer, snapshot)))
+        if quickly and pane.quickly:
+            return Picture(snapshot.number, snapshot.qpos, _encoded(pane.quickly(self._renderer, snapshot)), True)
+        began = time.monotonic()
+        pixels = pane.draw(self._renderer, snapshot)
+        if pane.quickly:
+            self._well_s = time.monotonic() - began
+        return Picture(snapshot.number, snapshot.qpos, _encoded(pixels))
 
 
 def _encoded(pixels: Pixels) -> bytes:

@@ -140,7 +140,7 @@ class Session:
     def _between(self, now: float) -> NDArray[np.float64]:
         """Joint positions on the way of the last step: physics is a step ahead of what is shown, and never waits."""
         share = min((now + FRAME_S - self._stepped_at) * self._time_scale / STEP_S, 1.0)
-        shown = self._after
+        shown: NDArray[np.float64] = self._after
         if share < 1.0:
             model, velocity = self._work.env.model, np.empty(self._work.env.model.nv)
             shown = self._before.copy()

@@ -13,7 +13,7 @@ from juicer.pages.teleoperating.wire import Begin, Pace
 from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import Randomness
 from juicer.teleoperation.controls import ControllerState, Controls
-from juicer.teleoperation.key_maps import DEFAULT, DESCRIPTIONS, PRESETS, KeyMap, find_key_map
+from juicer.teleoperation.key_maps import DEFAULT, DESCRIPTIONS, PRESETS, KeyMap, Motion, find_key_map
 from juicer.teleoperation.logs import Logs
 from juicer.teleoperation.messages import MessageReader
 from juicer.teleoperation.painter import PANES, Frame, Painter
@@ -224,7 +224,7 @@ def _shown_keys(key_map: KeyMap) -> list[dict[str, Any]]:
     for key, meaning in key_map.keys.items():
         keys.setdefault(meaning, []).append(key)
     return [
-        {"meaning": meaning.value, "text": text, "keys": keys[meaning]}
+        {"meaning": meaning, "text": text, "keys": keys[meaning], "is_motion": isinstance(meaning, Motion)}
         for meaning, text in DESCRIPTIONS.items()
         if meaning in keys
     ]

@@ -77,7 +77,7 @@ export class Input extends EventTarget {
     this.#source = "keyboard";
     this.#keys.add(code);
     this.#edges[code] = (this.#edges[code] ?? 0) + 1;
-    this.#tell();
+    this.#tell(code);
   }
 
   #up(event) {
@@ -87,13 +87,13 @@ export class Input extends EventTarget {
     this.#tell();
   }
 
-  #tell() {
+  #tell(pressed = null) {
     this.isActive = true;
     const pad = this.#pad();
     const held = [...this.#keys, ...pad.held];
     this.#sequence += 1;
     this.#send({ source: this.#source, sequence: this.#sequence, held, edges: this.#edges, axes: pad.axes });
-    this.dispatchEvent(new CustomEvent("change", { detail: this.#sequence }));
+    this.dispatchEvent(new CustomEvent("change", { detail: { sequence: this.#sequence, pressed } }));
   }
 
   #beat() {

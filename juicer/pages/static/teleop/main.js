@@ -12,6 +12,7 @@ const phases = {
 };
 let screen = null;
 let greeting = null;
+let motions = new Set();
 
 const connection = new Connection();
 const input = new Input((message) => connection.send(message));
@@ -39,7 +40,7 @@ connection.addEventListener("message", ({ detail: { kind, ...content } }) => {
 });
 
 input.addEventListener("change", ({ detail }) => {
-  if (detail) screen?.sent(detail);
+  if (detail?.pressed) screen?.sent(detail.sequence, motions.has(detail.pressed));
   for (const key of document.querySelectorAll("kbd[data-code]")) {
     key.classList.toggle("down", input.held.has(key.dataset.code));
   }
@@ -114,8 +115,9 @@ function showKept(kept) {
 
 function showKeys(keys) {
   input.bind(keys.flatMap((each) => each.keys));
+  motions = new Set(keys.filter(({ is_motion: moves }) => moves).flatMap((each) => each.keys));
   element("key-list").replaceChildren(
-    ...keys.flatMap(({ text, keys: codes }) => {
+    ...keys.map(({ text, keys: codes }) => {
       const term = document.createElement("dt");
       term.append(
         ...codes.map((code) => {
@@ -127,7 +129,9 @@ function showKeys(keys) {
       );
       const meaning = document.createElement("dd");
       meaning.textContent = text;
-      return [term, meaning];
+      const row = document.createElement("div");
+      row.append(term, meaning);
+      return row;
     }),
   );
   const actions = keys.filter(({ meaning }) => ["undo", "undo_more", "success", "discard", "reset", "pause", "proceed"].includes(meaning));

@@ -4,10 +4,22 @@ const MEASURED = 40;
 
 const median = (values) => [...values].sort((a, b) => a - b)[Math.floor(values.length / 2)];
 
+/** Ends the waiting of every message up to the one that a frame answers. */
+function collect(waiting, answered, times, now) {
+  for (const [sequence, at] of waiting) {
+    if (sequence > answered) break;
+    times.push(now - at);
+    waiting.delete(sequence);
+  }
+  times.splice(0, Math.max(times.length - MEASURED, 0));
+}
+
 export class Screen {
   #canvases = [];
   #sentAt = new Map();
   #latencies = [];
+  #waiting = new Map();
+  #motions = [];
   #paints = [];
   #lastNumber = -1;
   #dropped = 0;
@@ -33,13 +45,15 @@ export class Screen {
   }
 
   /** A message left; the first frame that was made after it arrived ends the time from key to screen. */
-  sent(sequence) {
+  sent(sequence, moves) {
     this.#sentAt.set(sequence, performance.now());
+    if (moves) this.#waiting.set(sequence, performance.now());
   }
 
   /** A connection that begins counts anew. */
   restart() {
     this.#sentAt.clear();
+    this.#waiting.clear();
     this.#lastNumber = -1;
   }
 
@@ -59,18 +73,14 @@ export class Screen {
     this.#count(frame);
   }
 
-  #count({ number, heard }) {
+  #count({ number, heard, movedBy }) {
     const now = performance.now();
     if (this.#lastNumber >= 0) this.#dropped += Math.max(number - this.#lastNumber - 1, 0);
     this.#lastNumber = number;
     this.#paints.push(now);
     while (this.#paints[0] < now - 2000) this.#paints.shift();
-    for (const [sequence, at] of this.#sentAt) {
-      if (sequence > heard) break;
-      this.#latencies.push(now - at);
-      this.#sentAt.delete(sequence);
-    }
-    this.#latencies.splice(0, this.#latencies.length - MEASURED);
+    collect(this.#sentAt, heard, this.#latencies, now);
+    collect(this.#waiting, movedBy, this.#motions, now);
   }
 
   /** Figures of the connection. */
@@ -78,6 +88,9 @@ export class Screen {
     const seconds = Math.max((this.#paints.at(-1) - this.#paints[0]) / 1000, 0.001);
     return {
       latencyMs: this.#latencies.length ? Math.round(median(this.#latencies)) : null,
+      motionMs: this.#motions.length ? Math.round(median(this.#motions)) : null,
+      latencies: this.#latencies,
+      motions: this.#motions,
       framesPerSecond: this.#paints.length > 1 ? (this.#paints.length - 1) / seconds : 0,
       dropped: this.#dropped,
     };
