@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from juicer.errors import ConfigError, RefusedMessage
-from juicer.pages.teleoperating.wire import Begin, Pace
+from juicer.errors import ConfigError, RefusedMessage, UnusableDraft
+from juicer.pages.teleoperating.wire import Begin, Pace, Resume
+from juicer.sim.env import STEP_S
 from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import Randomness
 from juicer.teleoperation.controls import ControllerState, Controls
+from juicer.teleoperation.drafts import LeftDraft, left_in, read_draft
 from juicer.teleoperation.key_maps import DEFAULT, DESCRIPTIONS, PRESETS, KeyMap, Motion, find_key_map
-from juicer.teleoperation.logs import Logs
+from juicer.teleoperation.logs import DRAFTS, Logs
 from juicer.teleoperation.messages import MessageReader
 from juicer.teleoperation.painter import PANES, Frame, Painter
 from juicer.teleoperation.session import Session
@@ -22,6 +25,8 @@ from juicer.teleoperation.verification import Verifier
 from juicer.teleoperation.work import Choice, Work
 from juicer.text import printable
 
+MOST_DRAFTS = 10
+"""Interrupted episodes that are offered, the latest first."""
 CREDIT = 2
 """Frames that may be on their way to a page: so many that none waits, and no more, so that none queues."""
 
@@ -138,17 +143,57 @@ class Hub:
         """
         if self._session and not self.drives(client):
             raise RefusedMessage("another page has the controls; take them over before you begin something else")
-        self._key_map = self._find_key_map(order.keys)
         choice = Choice(
-            task=order.task, randomness=order.randomness, operator=printable(order.operator.strip()),
-            target=order.target, keys=self._key_map.name,
-        )  # fmt: skip
+            task=order.task,
+            randomness=order.randomness,
+            operator=printable(order.operator.strip()),
+            target=order.target,
+            keys=order.keys,
+        )
+        await self._start(client, lambda: self._work(choice))
+
+    async def resume(self, client: Client, order: Resume) -> None:
+        """End what goes on, and go on with an episode that was interrupted, or remove what was recorded of it.
+
+        Raises:
+            RefusedMessage: If another page has the controls, or there is no such episode.
+            UnusableDraft: If it cannot be gone on with.
+        """
+        if self._session and not self.drives(client):
+            raise RefusedMessage("another page has the controls; take them over before you begin something else")
+        found = [path for path in self._left() if (path.parents[1].name, path.name) == (order.task, order.draft)]
+        if not found:
+            raise RefusedMessage("that episode is no longer there: somebody has gone on with it, or removed it")
+        if order.kind == "forget":
+            read_draft(found[0]).remove()
+            self._wake_all()
+        else:
+            await self._start(client, lambda: self._resumed(read_draft(found[0]), order.target))
+
+    def _resumed(self, left: LeftDraft, target: int) -> Work:
+        beginning = left.beginning
+        choice = Choice(
+            task=beginning.task,
+            randomness=beginning.randomness,
+            operator=beginning.operator,
+            target=target,
+            keys=beginning.keys,
+        )
+        work = self._work(choice)
+        work.resume(left)
+        return work
+
+    def _work(self, choice: Choice) -> Work:
         if choice.task not in TASK_NAMES:
             raise ConfigError(f"there is no task '{printable(choice.task)}'; there are {', '.join(TASK_NAMES)}")
-        self.end()
+        self._find_key_map(choice.keys)
+        return Work(choice, Logs(self.folder / choice.task, choice.task, self._verifier))
+
+    async def _start(self, client: Client, make: Callable[[], Work]) -> None:
         # Building a scene takes a second, in which others are to be served.
-        work = await asyncio.to_thread(lambda: Work(choice, self._logs(choice.task)))
+        work = await asyncio.to_thread(make)
         self.end()
+        self._key_map = self._find_key_map(work.choice.keys)
         self._session = Session(work, self._number)
         self._painter = Painter(self._session)
         self._session.start()
@@ -189,6 +234,7 @@ class Hub:
             "drives": self.drives(client),
             "is_driven": self._driver is not None,
             "going_on": self._session is not None,
+            "drafts": [] if self._session else self._drafts(),
             "keys": _shown_keys(self._key_map),
         }
         if frame := self.frame:
@@ -202,8 +248,19 @@ class Hub:
         self.end()
         self._verifier.close()
 
-    def _logs(self, task: str) -> Logs:
-        return Logs(self.folder / task, task, self._verifier)
+    def _left(self) -> list[Path]:
+        """Files of interrupted episodes, the latest first."""
+        return [path for folder in sorted(self.folder.glob(f"*/{DRAFTS}")) for path in left_in(folder)][:MOST_DRAFTS]
+
+    def _drafts(self) -> list[dict[str, Any]]:
+        """What is told of interrupted episodes."""
+        told = []
+        for path in self._left():
+            with suppress(UnusableDraft):
+                left = read_draft(path)
+                about = {name: printable(getattr(left.beginning, name)) for name in ("task", "operator", "began")}
+                told.append({"draft": path.name, "seconds": len(left.steps) * STEP_S, **about})
+        return told
 
     def _find_key_map(self, name: str) -> KeyMap:
         own = self._own_key_maps()

@@ -16,7 +16,7 @@ from starlette.websockets import WebSocketDisconnect
 from juicer.errors import JuicerError, RefusedMessage
 from juicer.pages.rendering import page
 from juicer.pages.teleoperating.hub import CREDIT, Client, Hub
-from juicer.pages.teleoperating.wire import Acknowledge, Begin, Pace, packed, parse_command
+from juicer.pages.teleoperating.wire import Acknowledge, Begin, Pace, Resume, packed, parse_command
 from juicer.teleoperation.messages import MOST_BYTES
 
 FOLDER = "teleoperation"
@@ -118,6 +118,8 @@ async def _obey(hub: Hub, client: Client, text: str) -> None:
         client.news.set()
     elif isinstance(command, Begin):
         await hub.begin(client, command)
+    elif isinstance(command, Resume):
+        await hub.resume(client, command)
     elif isinstance(command, Pace):
         hub.pace(client, command)
     elif command.kind == "take over":

@@ -59,6 +59,15 @@ class Begin(StrictConfig):
     keys: Name = "original"
 
 
+class Resume(StrictConfig):
+    """Go on with an episode that was interrupted, or remove what was recorded of it."""
+
+    kind: Literal["resume", "forget"]
+    task: Name
+    draft: Name
+    target: int = Field(default=50, ge=1, le=100_000)
+
+
 class Pace(StrictConfig):
     """How fast time passes, and what the longer undo takes back."""
 
@@ -80,7 +89,7 @@ class Simple(StrictConfig):
     kind: Literal["take over", "release", "end", "numbers"]
 
 
-Command = Begin | Pace | Acknowledge | Simple
+Command = Begin | Resume | Pace | Acknowledge | Simple
 _COMMAND: TypeAdapter[Command] = TypeAdapter(Annotated[Command, Field(discriminator="kind")])
 
 

@@ -10,13 +10,14 @@ import numpy as np
 from tests.pages.teleoperating.chromium import Chromium
 from tests.teleoperation.hands import GRIPPER, Hands
 
-LOOK = "JSON.stringify([teleop.status.numbers, teleop.status.gripper_closes, teleop.status.step, teleop.status.phase, teleop.status.kept])"
+SEEN = ("numbers", "gripper_closes", "step", "phase", "kept")
+LOOK = f"JSON.stringify([{', '.join(f'teleop.status.{name}' for name in SEEN)}])"
 
 
 def begin(browser: Chromium, address: str, task: str = "one_leg") -> None:
     """Open the page and begin, with the mouse where a person would use it."""
     browser.goto(address)
-    browser.until("document.querySelector('select[name=task]').options.length && !document.querySelector('#setup').hidden")
+    browser.until("document.querySelector('select[name=task]').options.length && 'going_on' in teleop.status")
     browser.evaluate(
         f"document.querySelector('select[name=task]').value = '{task}';"
         "document.querySelector('input[name=operator]').value = 'scripted hands';"

@@ -75,6 +75,7 @@ function show(news) {
   element("setup").hidden = status.going_on;
   element("drive").hidden = !status.going_on;
   if (news.keys) showKeys(status.keys);
+  if (news.drafts) showDrafts(status.drafts);
   if (!status.going_on) return;
   const phase = status.drives ? status.phase : "watching";
   element("state").dataset.phase = phase;
@@ -113,6 +114,33 @@ function showKept(kept) {
   );
 }
 
+function showDrafts(drafts) {
+  element("drafts").hidden = !drafts.length;
+  element("draft-list").replaceChildren(
+    ...drafts.map(({ task, draft, operator, began, seconds }) => {
+      const item = document.createElement("li");
+      const about = document.createElement("span");
+      const when = began.slice(0, 16).replace("T", " ");
+      about.textContent = `${task}${operator ? `, ${operator}` : ""}, begun ${when}: ${seconds.toFixed(1)} s recorded`;
+      const target = () => Number(element("begin").elements.target.value);
+      item.append(
+        about,
+        button("Go on with it", () => connection.send({ kind: "resume", task, draft, target: target() })),
+        button("Remove it", () => connection.send({ kind: "forget", task, draft })),
+      );
+      return item;
+    }),
+  );
+}
+
+function button(text, action) {
+  const made = document.createElement("button");
+  made.type = "button";
+  made.textContent = text;
+  made.addEventListener("click", action);
+  return made;
+}
+
 function showKeys(keys) {
   input.bind(keys.flatMap((each) => each.keys));
   motions = new Set(keys.filter(({ is_motion: moves }) => moves).flatMap((each) => each.keys));
@@ -137,12 +165,9 @@ function showKeys(keys) {
   const actions = keys.filter(({ meaning }) => ["undo", "undo_more", "success", "discard", "reset", "pause", "proceed"].includes(meaning));
   element("actions").replaceChildren(
     ...actions.map(({ meaning, text, keys: [code] }) => {
-      const button = document.createElement("button");
-      button.type = "button";
-      button.textContent = text[0].toUpperCase() + text.slice(1);
-      button.title = `Key ${keyName(code)}`;
-      button.addEventListener("click", () => input.press(meaning));
-      return button;
+      const made = button(text[0].toUpperCase() + text.slice(1), () => input.press(meaning));
+      made.title = `Key ${keyName(code)}`;
+      return made;
     }),
   );
 }

@@ -26,12 +26,17 @@ export class Screen {
   #painting = 0;
 
   constructor(place, panes) {
-    place.replaceChildren(...panes.map((pane) => this.#figure(pane)));
+    const policies = document.createElement("div");
+    policies.className = "policies";
+    // The canvases are in the order in which images come, wherever they stand on the page.
+    const figures = panes.map((pane) => [pane, this.#figure(pane)]);
+    policies.append(...figures.filter(([pane]) => pane.of_policy).map(([, figure]) => figure));
+    place.replaceChildren(...figures.filter(([pane]) => !pane.of_policy).map(([, figure]) => figure), policies);
+    place.firstChild.className = "main";
   }
 
-  #figure({ name, title, width, height, of_policy: policy }) {
+  #figure({ name, title, width, height }) {
     const figure = document.createElement("figure");
-    figure.className = policy ? "policy" : name === "operator" ? "wide" : "half";
     const caption = document.createElement("figcaption");
     caption.textContent = title;
     const canvas = document.createElement("canvas");
