@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from juicer.errors import ConfigError, RefusedMessage, UnusableDraft
+from juicer.errors import ConfigError, RefusedMessage, UnusableDraft, did_you_mean
 from juicer.pages.teleoperating.wire import Begin, Pace, Resume
 from juicer.sim.env import STEP_S
 from juicer.tasks.registry import TASK_NAMES
@@ -42,6 +42,7 @@ class Client:
         wants_numbers: Whether it asked for the observation as numbers, too.
         reader: Judges its messages.
         controls: Turns its keys into wishes.
+        state: What it said last of its keys; None before it said anything.
     """
 
     def __init__(self) -> None:
@@ -54,6 +55,12 @@ class Client:
         self.wants_numbers = False
         self.reader = MessageReader()
         self.controls = Controls()
+        self.state: ControllerState | None = None
+
+    def forget_presses(self) -> None:
+        """What was pressed in vain, while somebody else had the controls, is not to be done now."""
+        while self.state and self.controls.intent(self.state).presses:
+            pass
 
     def wake(self) -> None:
         """Look for something to be sent; any thread may call it."""
@@ -114,12 +121,14 @@ class Hub:
         """A page takes the controls from whoever has them."""
         self._driver = client
         client.controls.key_map = self._key_map
+        client.forget_presses()
         if self._session:
             self._session.take_over(client.controls)
         self._wake_all()
 
     def hear(self, client: Client, state: ControllerState) -> None:
         """Take what a page's operator does; it counts if the page has the controls."""
+        client.state = state
         if self._session and self.drives(client):
             self._session.hear(state)
 
@@ -141,8 +150,7 @@ class Hub:
             ConfigError: If there is no such task, randomness or key map; what went on goes on.
             LogNotWritten: If the folder of the logs cannot be written.
         """
-        if self._session and not self.drives(client):
-            raise RefusedMessage("another page has the controls; take them over before you begin something else")
+        self._check_drives(client)
         choice = Choice(
             task=order.task,
             randomness=order.randomness,
@@ -159,8 +167,7 @@ class Hub:
             RefusedMessage: If another page has the controls, or there is no such episode.
             UnusableDraft: If it cannot be gone on with.
         """
-        if self._session and not self.drives(client):
-            raise RefusedMessage("another page has the controls; take them over before you begin something else")
+        self._check_drives(client)
         found = [path for path in self._left() if (path.parents[1].name, path.name) == (order.task, order.draft)]
         if not found:
             raise RefusedMessage("that episode is no longer there: somebody has gone on with it, or removed it")
@@ -169,6 +176,10 @@ class Hub:
             self._wake_all()
         else:
             await self._start(client, lambda: self._resumed(read_draft(found[0]), order.target))
+
+    def _check_drives(self, client: Client) -> None:
+        if self._session and not self.drives(client):
+            raise RefusedMessage("another page has the controls; take them over before you begin something else")
 
     def _resumed(self, left: LeftDraft, target: int) -> Work:
         beginning = left.beginning
@@ -264,7 +275,13 @@ class Hub:
 
     def _find_key_map(self, name: str) -> KeyMap:
         own = self._own_key_maps()
-        return find_key_map(str(own[name])) if name in own else find_key_map(name)
+        if name not in own and name not in PRESETS:
+            # A page may not name any file of this machine.
+            raise ConfigError(
+                f"there is no key map '{printable(name)}'{did_you_mean(name, [*PRESETS, *own])}; "
+                f"your own are files in '{printable(self.folder)}' that end in .toml"
+            )
+        return find_key_map(str(own.get(name, name)))
 
     def _own_key_maps(self) -> Mapping[str, Path]:
         """Key maps that lie beside the recordings, by their names."""

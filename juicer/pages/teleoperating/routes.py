@@ -74,7 +74,7 @@ async def _send(socket: WebSocket, hub: Hub, client: Client) -> None:
             await socket.send_text(json.dumps({"kind": "status", **news}))
             told = status
         frame = hub.frame
-        if frame and client.credit and frame.snapshot.number != client.number:
+        if frame and frame.pictures and client.credit and frame.snapshot.number != client.number:
             client.credit -= 1
             data = packed(frame, client.sent)
             client.number = frame.snapshot.number
