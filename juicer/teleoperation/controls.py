@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -97,10 +98,15 @@ class Controls:
         key_map: What keys and buttons mean; may be replaced at any time.
     """
 
-    def __init__(self, key_map: KeyMap = DEFAULT) -> None:
-        """Begin with a connection, whose counters of presses begin at zero."""
+    def __init__(self, key_map: KeyMap = DEFAULT, seen: Mapping[str, int] = MappingProxyType({})) -> None:
+        """Begin with a connection.
+
+        Args:
+            key_map: What keys and buttons mean.
+            seen: Presses that were counted before, of a device that has been open for longer than the connection.
+        """
         self.key_map = key_map
-        self._seen: dict[str, int] = {}
+        self._seen = dict(seen)
         self._follower = _PoseFollower()
 
     def intent(self, state: ControllerState) -> Intent:

@@ -13,20 +13,18 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from juicer.errors import JuicerError
+from juicer.imaging.operator_views import OperatorRenderer, OperatorView
 from juicer.imaging.renderer import ViewRenderer
 from juicer.teleoperation.session import Session
 from juicer.teleoperation.status import Snapshot
-from juicer.views import FRONT_CAMERA, View
+from juicer.views import View
 
-QUICK_S = 0.02
-"""An image that takes longer is drawn well only while nothing moves."""
+QUICK_S = 0.025
+"""Where a view with shadows takes longer to be drawn, it has them only while nothing moves: what is late misleads."""
 STILL = 5
 """Moments without a movement after which nothing moves."""
 _QUALITY = 85
 _PATIENCE_S = 0.5
-
-Pixels = NDArray[np.uint8]
-Draw = Callable[[ViewRenderer, Snapshot], Pixels]
 
 
 @dataclass(frozen=True)
@@ -36,41 +34,36 @@ class Pane:
     Attributes:
         name: Short name.
         title: What it is called on a page.
+        view: What it shows: to an operator only, or as a policy sees it, which is drawn every second time.
         width: Pixels.
         height: Pixels.
-        draw: Draws it.
-        quickly: Draws it less well, where drawing it well would take too long to drive by.
-        of_policy: Whether it is what a policy sees; such images are drawn every second time.
     """
 
     name: str
     title: str
+    view: OperatorView | View
     width: int
     height: int
-    draw: Draw
-    quickly: Draw | None = None
-    of_policy: bool = False
 
+    @property
+    def of_policy(self) -> bool:
+        """Whether it is what a policy sees."""
+        return isinstance(self.view, View)
 
-def _for_people(camera: str, width: int, height: int) -> Draw:
-    return lambda renderer, snapshot: renderer.draw_for_people(snapshot.qpos, camera, width, height)
+    @classmethod
+    def policy(cls, title: str, view: View) -> Pane:
+        """What a policy sees."""
+        return cls(f"policy_{view.camera}", title, view, view.width, view.height)
 
-
-def _plain(view: View) -> Draw:
-    return lambda renderer, snapshot: renderer.draw(snapshot.qpos, view, snapshot.end_effector)
-
-
-_FRONT = View(camera="front", width=480, height=360, supersampling=2)
-_WRIST = View(camera="wrist", width=480, height=270)
-_POLICY_FRONT, _POLICY_WRIST = View(camera="front"), View(camera="wrist")
 
 PANES = (
-    Pane("operator", "Your view", 480, 360, _for_people(FRONT_CAMERA, 480, 360), quickly=_plain(_FRONT)),
-    Pane("wrist", "Wrist", 480, 270, _plain(_WRIST)),
-    Pane("policy_front", "Policy: front", 96, 96, _plain(_POLICY_FRONT), of_policy=True),
-    Pane("policy_wrist", "Policy: wrist", 96, 96, _plain(_POLICY_WRIST), of_policy=True),
+    Pane("front", "Front", OperatorView.FRONT, 480, 360),
+    Pane("side", "From the right", OperatorView.SIDE, 320, 240),
+    Pane("wrist", "Between the fingers", OperatorView.WRIST, 320, 240),
+    Pane.policy("A policy's front view", View(camera="front")),
+    Pane.policy("A policy's wrist view", View(camera="wrist")),
 )
-"""All images, in the order in which they are drawn and sent; shadows, which cost most, in the first only."""
+"""All images, in the order in which they are drawn and sent."""
 
 
 @dataclass(frozen=True)
@@ -80,14 +73,14 @@ class Picture:
     Attributes:
         number: Of the moment that it shows.
         qpos: Joint positions that it shows ``(nq,)``.
+        shadows: Whether it has shadows, where it may have some.
         jpeg: The image.
-        is_quick: Whether it could be drawn better.
     """
 
     number: int
     qpos: NDArray[np.float64]
+    shadows: bool
     jpeg: bytes
-    is_quick: bool = False
 
 
 @dataclass(frozen=True)
@@ -111,14 +104,13 @@ class Painter:
     def __init__(self, session: Session) -> None:
         """Prepare; :meth:`start` begins."""
         self._session = session
-        self._renderer = ViewRenderer(session.latest.task)
-        self._listeners: set[Callable[[], None]] = set()
+        self._listeners: frozenset[Callable[[], None]] = frozenset()
         self._watched = threading.Event()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="painter", daemon=True)
         self._frame = Frame(session.latest)
         self._moved_at = 0
-        self._well_s = 0.0
+        self._with_shadows_s = 0.0
 
     @property
     def frame(self) -> Frame:
@@ -135,57 +127,77 @@ class Painter:
         self._watched.set()
         if self._thread.is_alive():
             self._thread.join()
-        self._renderer.close()
 
     def watch(self, listener: Callable[[], None]) -> None:
         """Call a listener, from the painter's thread, whenever there is a new frame."""
-        self._listeners = self._listeners | {listener}
+        self._listeners |= {listener}
         self._watched.set()
 
     def leave(self, listener: Callable[[], None]) -> None:
         """Call it no more."""
-        self._listeners = self._listeners - {listener}
-        if not self._listeners:
+        self._listeners -= {listener}
+        if not self._listeners and not self._closing.is_set():
             self._watched.clear()
 
     def _run(self) -> None:
+        task = self._session.latest.task
+        try:
+            brush = _Brush(task)
+        except JuicerError as error:
+            self._publish(Frame(self._session.latest, problem=str(error)))
+            return
+        try:
+            self._paint(brush)
+        finally:
+            brush.close()
+
+    def _paint(self, brush: _Brush) -> None:
         number = -1
-        while not self._closing.is_set():
-            self._watched.wait()
+        while self._watched.wait() and not self._closing.is_set():
             snapshot = self._session.newer(number, _PATIENCE_S)
             if snapshot is None:
                 continue
             number = snapshot.number
-            try:
-                self._frame = Frame(snapshot, self._pictures(snapshot))
-            except JuicerError as error:
-                self._frame = Frame(snapshot, problem=str(error))
-            for listener in self._listeners:
-                listener()
+            if not np.array_equal(self._frame.snapshot.qpos, snapshot.qpos):
+                self._moved_at = number
+            self._publish(Frame(snapshot, {pane.name: self._picture(brush, pane, snapshot) for pane in PANES}))
 
-    def _pictures(self, snapshot: Snapshot) -> Mapping[str, Picture]:
-        if not np.array_equal(self._frame.snapshot.qpos, snapshot.qpos):
-            self._moved_at = snapshot.number
-        return {pane.name: self._picture(pane, snapshot) for pane in PANES}
-
-    def _picture(self, pane: Pane, snapshot: Snapshot) -> Picture:
+    def _picture(self, brush: _Brush, pane: Pane, snapshot: Snapshot) -> Picture:
         last = self._frame.pictures.get(pane.name)
-        quickly = pane.quickly is not None and self._well_s > QUICK_S and snapshot.number < self._moved_at + STILL
+        shadows = pane.view is OperatorView.FRONT and (
+            self._with_shadows_s < QUICK_S or snapshot.number >= self._moved_at + STILL
+        )
         if last and (
-            (np.array_equal(last.qpos, snapshot.qpos) and (quickly or not last.is_quick))
+            (np.array_equal(last.qpos, snapshot.qpos) and last.shadows >= shadows)
             or (pane.of_policy and snapshot.number < last.number + 2)
         ):
             return last
-        if quickly and pane.quickly:
-            return Picture(snapshot.number, snapshot.qpos, _encoded(pane.quickly(self._renderer, snapshot)), True)
         began = time.monotonic()
-        pixels = pane.draw(self._renderer, snapshot)
-        if pane.quickly:
-            self._well_s = time.monotonic() - began
-        return Picture(snapshot.number, snapshot.qpos, _encoded(pixels))
+        pixels = brush.draw(pane, snapshot, shadows)
+        if shadows:
+            self._with_shadows_s = time.monotonic() - began
+        buffer = io.BytesIO()
+        Image.fromarray(pixels).save(buffer, "JPEG", quality=_QUALITY)
+        return Picture(snapshot.number, snapshot.qpos, shadows, buffer.getvalue())
+
+    def _publish(self, frame: Frame) -> None:
+        self._frame = frame
+        for listener in self._listeners:
+            listener()
 
 
-def _encoded(pixels: Pixels) -> bytes:
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "JPEG", quality=_QUALITY)
-    return buffer.getvalue()
+class _Brush:
+    """What draws an operator's views and a policy's: apart, so that the one cannot change the other."""
+
+    def __init__(self, task: str) -> None:
+        self._operator = OperatorRenderer(task)
+        self._policy = ViewRenderer(task)
+
+    def draw(self, pane: Pane, snapshot: Snapshot, shadows: bool) -> NDArray[np.uint8]:
+        if isinstance(pane.view, View):
+            return self._policy.draw(snapshot.qpos, pane.view, snapshot.end_effector)
+        return self._operator.draw(snapshot.qpos, pane.view, pane.width, pane.height, shadows=shadows)
+
+    def close(self) -> None:
+        self._operator.close()
+        self._policy.close()

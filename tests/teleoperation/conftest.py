@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from juicer.demonstration.log import OperatorLog
+from juicer.demonstration.recording import recordings
+from juicer.expert.operator import scripted_operators
 from juicer.teleoperation.logs import Logs
 from juicer.teleoperation.verification import Verifier
 from juicer.teleoperation.work import Choice, Work
@@ -51,3 +54,9 @@ def assembled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Work]:
     yield work
     work.close()
     verifier.close()
+
+
+@pytest.fixture(scope="session")
+def one_leg_log() -> OperatorLog:
+    """A success of the scripted operator."""
+    return next(log for log in recordings("one_leg", "low", range(20), scripted_operators()) if log.success)
