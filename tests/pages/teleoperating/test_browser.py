@@ -63,7 +63,7 @@ def test_a_killed_server_loses_nothing_of_the_episode_in_hand_and_offers_it(serv
         browser.evaluate("document.querySelector('#draft-list button').click()")
         browser.until("teleop.status.going_on && teleop.status.step > 0")
         assert shown(browser, "step") >= steps
-        assert "interrupted" in browser.evaluate("document.querySelector('#sentence').textContent")
+        browser.until("document.querySelector('#sentence').textContent.includes('interrupted')")
 
 
 def test_a_key_that_is_held_when_the_page_loses_focus_is_let_go(serve, tmp_path, browser):
@@ -73,6 +73,7 @@ def test_a_key_that_is_held_when_the_page_loses_focus_is_let_go(serve, tmp_path,
         browser.until("teleop.status.step >= 5")
         browser.evaluate("window.dispatchEvent(new Event('blur'))")
         browser.until("teleop.status.phase === 'paused'")
+        time.sleep(0.5)  # the arm comes to rest
         steps = shown(browser, "step")
         time.sleep(1)
         assert shown(browser, "step") == steps
