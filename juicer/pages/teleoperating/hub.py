@@ -246,7 +246,7 @@ class Hub:
             "is_driven": self._driver is not None,
             "going_on": self._session is not None,
             "drafts": [] if self._session else self._drafts(),
-            "keys": _shown_keys(self._key_map),
+            "key_list": _shown_keys(self._key_map),
         }
         if frame := self.frame:
             told |= {**asdict(frame.snapshot.status), "problem": frame.problem}

@@ -74,7 +74,7 @@ function show(news) {
   Object.assign(status, news);
   element("setup").hidden = status.going_on;
   element("drive").hidden = !status.going_on;
-  if (news.keys) showKeys(status.keys);
+  if (news.key_list) showKeys(status.key_list);
   if (news.drafts) showDrafts(status.drafts);
   if (!status.going_on) return;
   const phase = status.drives ? status.phase : "watching";
