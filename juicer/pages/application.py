@@ -17,6 +17,7 @@ from juicer.errors import ArtifactNotFound, ConfigError, InvalidLabels, JuicerEr
 from juicer.pages.browsing.routes import router as browsing
 from juicer.pages.limits import BodyLimit
 from juicer.pages.rendering import page
+from juicer.pages.teleoperating.routes import router as teleoperating
 from juicer.pages.workplace import Workplace
 from juicer.text import printable
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 AREAS = (
     browsing,
+    teleoperating,
 )  # fmt: skip
 
 STATIC = Path(__file__).with_name("static")

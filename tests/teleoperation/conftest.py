@@ -1,8 +1,59 @@
+"""An operator's work with the real simulator, and logs in a folder of the test's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
 import pytest
 
 from juicer.demonstration.log import OperatorLog
 from juicer.demonstration.recording import recordings
 from juicer.expert.operator import scripted_operators
+from juicer.teleoperation.logs import Logs
+from juicer.teleoperation.verification import Verifier
+from juicer.teleoperation.work import Choice, Work
+from tests.teleoperation.hands import assemble
+
+MakeWork = Callable[..., Work]
+
+
+@pytest.fixture
+def verifier() -> Iterator[Verifier]:
+    verifier = Verifier()
+    yield verifier
+    verifier.close()
+
+
+@pytest.fixture
+def make_work(tmp_path: Path, verifier: Verifier) -> Iterator[MakeWork]:
+    made = []
+
+    def make(folder: Path = tmp_path, **choice: object) -> Work:
+        work = Work(Choice(**{"task": "one_leg", "operator": "Anna", **choice}), Logs(folder, "one_leg", verifier))
+        made.append(work)
+        return work
+
+    yield make
+    for work in made:
+        work.close()
+
+
+@pytest.fixture
+def work(make_work: MakeWork) -> Work:
+    return make_work()
+
+
+@pytest.fixture(scope="module")
+def assembled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Work]:
+    """Work whose first episode was driven to a success, by keys."""
+    verifier = Verifier()
+    folder = tmp_path_factory.mktemp("logs")
+    work = Work(Choice(task="one_leg", operator="Anna"), Logs(folder, "one_leg", verifier))
+    assemble(work, seed=1)
+    yield work
+    work.close()
+    verifier.close()
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,244 @@
+// The page of teleoperation: ties the connection, the operator's hands and the screen together.
+
+import { Input } from "./input.js";
+import { Screen } from "./screen.js";
+import { Connection } from "./socket.js";
+import { keyName, play } from "./words.js";
+
+const element = (id) => document.getElementById(id);
+const status = {};
+const phases = {
+  recording: "Recording", idle: "Idle", paused: "Paused", over: "Ended", watching: "Watching",
+};
+let screen = null;
+let greeting = null;
+let motions = new Set();
+
+const connection = new Connection();
+const input = new Input((message) => connection.send(message));
+
+connection.addEventListener("open", () => {
+  input.restart();
+  screen?.restart();
+  if (element("show-numbers").checked) connection.send({ kind: "numbers" });
+  input.isActive = document.hasFocus();
+});
+connection.addEventListener("closed", ({ detail }) => {
+  Object.keys(status).forEach((name) => delete status[name]);
+  say("connection", "Not connected");
+  trouble(detail || "The connection to the server is gone; this page connects again by itself");
+});
+connection.addEventListener("frame", async ({ detail: frame }) => {
+  await screen?.paint(frame);
+  connection.send({ kind: "painted", number: frame.number });
+  document.documentElement.dataset.heard = frame.heard;
+});
+connection.addEventListener("message", ({ detail: { kind, ...content } }) => {
+  if (kind === "greeting") greet(content);
+  else if (kind === "refused") trouble(content.sentence);
+  else show(content);
+});
+
+input.addEventListener("change", ({ detail }) => {
+  if (detail?.pressed) screen?.sent(detail.sequence, motions.has(detail.pressed));
+  for (const key of document.querySelectorAll("kbd[data-code]")) {
+    key.classList.toggle("down", input.held.has(key.dataset.code));
+  }
+});
+input.addEventListener("help", () => {
+  element("keys").hidden = !element("keys").hidden;
+});
+
+function greet(content) {
+  greeting = content;
+  trouble("");
+  const form = element("begin");
+  options(form.task, content.tasks);
+  options(form.randomness, content.randomness);
+  options(form.keys, content.key_maps);
+  for (const field of form.elements) {
+    const remembered = localStorage.getItem(`teleop.${field.name}`);
+    if (field.name && remembered !== null && (field.tagName === "INPUT" || [...field.options].some((each) => each.value === remembered))) {
+      field.value = remembered;
+    }
+  }
+  screen = new Screen(element("panes"), content.panes);
+}
+
+function options(select, values) {
+  select.replaceChildren(...values.map((value) => new Option(value, value)));
+}
+
+function show(news) {
+  const before = { ...status };
+  Object.assign(status, news);
+  element("setup").hidden = status.going_on;
+  element("drive").hidden = !status.going_on;
+  if (news.key_list) showKeys(status.key_list);
+  if (news.drafts) showDrafts(status.drafts);
+  if (!status.going_on) return;
+  const phase = status.drives ? status.phase : "watching";
+  element("state").dataset.phase = phase;
+  say("phase", phases[phase]);
+  say("sentence", status.drives ? status.sentence : `Somebody else drives (${phases[status.phase].toLowerCase()}); you watch`);
+  element("take-over").hidden = status.drives;
+  say("saved", status.saved);
+  say("target", status.target);
+  const checking = status.kept.filter(({ verification }) => verification.verdict === "checking").length;
+  say("checking", checking ? `(and ${checking} being checked)` : "saved");
+  element("progress").max = status.target;
+  element("progress").value = Math.min(status.saved, status.target);
+  say("episode", episode());
+  if (news.kept) showKept(status.kept);
+  say("logs-line", `logs: ${status.folder}`);
+  if (news.time_scale) element("time-scale").value = status.time_scale;
+  if (news.numbers) say("number-list", numbers(status.numbers));
+  trouble(status.problem);
+  announce(before, phase);
+}
+
+function episode() {
+  const { task, seed, step, acted, assembled, pairs, gripper_closes: closes, slow } = status;
+  const seconds = (acted / 10).toFixed(1);
+  return `${task}, state ${seed}: ${seconds} s recorded in ${step} steps; ${assembled} of ${pairs} assembled; gripper ${closes ? "closed" : "open"}${slow ? "; slow" : ""}`;
+}
+
+function showKept(kept) {
+  element("kept").replaceChildren(
+    ...kept.map(({ name, verification: { verdict, sentence } }) => {
+      const item = document.createElement("li");
+      item.dataset.verdict = verdict;
+      item.textContent = `${name}: ${sentence}`;
+      return item;
+    }),
+  );
+}
+
+function showDrafts(drafts) {
+  element("drafts").hidden = !drafts.length;
+  element("draft-list").replaceChildren(
+    ...drafts.map(({ task, draft, operator, began, seconds }) => {
+      const item = document.createElement("li");
+      const about = document.createElement("span");
+      const when = began.slice(0, 16).replace("T", " ");
+      about.textContent = `${task}${operator ? `, ${operator}` : ""}, begun ${when}: ${seconds.toFixed(1)} s recorded`;
+      const target = () => Number(element("begin").elements.target.value);
+      item.append(
+        about,
+        button("Go on with it", () => connection.send({ kind: "resume", task, draft, target: target() })),
+        button("Remove it", () => connection.send({ kind: "forget", task, draft })),
+      );
+      return item;
+    }),
+  );
+}
+
+function button(text, action) {
+  const made = document.createElement("button");
+  made.type = "button";
+  made.textContent = text;
+  made.addEventListener("click", action);
+  return made;
+}
+
+function showKeys(keys) {
+  input.bind(keys.flatMap((each) => each.keys));
+  motions = new Set(keys.filter(({ is_motion: moves }) => moves).flatMap((each) => each.keys));
+  element("key-list").replaceChildren(
+    ...keys.map(({ text, keys: codes }) => {
+      const term = document.createElement("dt");
+      term.append(
+        ...codes.map((code) => {
+          const key = document.createElement("kbd");
+          key.dataset.code = code;
+          key.textContent = keyName(code);
+          return key;
+        }),
+      );
+      const meaning = document.createElement("dd");
+      meaning.textContent = text;
+      const row = document.createElement("div");
+      row.append(term, meaning);
+      return row;
+    }),
+  );
+  const actions = keys.filter(({ meaning }) => ["undo", "undo_more", "success", "discard", "reset", "pause", "proceed"].includes(meaning));
+  element("actions").replaceChildren(
+    ...actions.map(({ meaning, text, keys: [code] }) => {
+      const made = button(text[0].toUpperCase() + text.slice(1), () => input.press(meaning));
+      made.title = `Key ${keyName(code)}`;
+      return made;
+    }),
+  );
+}
+
+function numbers({ proprioception: p, part_poses: parts }) {
+  const row = (name, values) => `${name.padEnd(9)}${values.map((value) => value.toFixed(3).padStart(7)).join("")}`;
+  const rows = [row("gripper", p.slice(0, 3)), row("width", p.slice(15))];
+  for (let index = 0; index < parts.length; index += 7) rows.push(row(`part ${index / 7}`, parts.slice(index, index + 7)));
+  return rows.join("\n");
+}
+
+function announce(before, phase) {
+  const newest = status.kept[0];
+  if (newest && before.kept && JSON.stringify(before.kept[0]) !== JSON.stringify(newest)) {
+    caption(`${newest.name}: ${newest.verification.sentence}`, newest.verification.verdict);
+  } else if (before.phase && before.phase !== status.phase && (phase === "paused" || phase === "over")) {
+    caption(status.sentence, phase);
+  }
+}
+
+/** What a sound says is written, too. */
+function caption(sentence, sound) {
+  say("announcements", sentence);
+  if (element("sound").checked) play(sound);
+}
+
+function say(id, text) {
+  const place = element(id);
+  if (place.textContent !== String(text)) place.textContent = text;
+}
+
+function trouble(sentence) {
+  element("problem").hidden = !sentence;
+  say("problem", sentence ? `${sentence[0].toUpperCase()}${sentence.slice(1)}.` : "");
+}
+
+element("begin").addEventListener("submit", (event) => {
+  event.preventDefault();
+  const form = new FormData(event.target);
+  const choice = Object.fromEntries(form);
+  for (const [name, value] of form) localStorage.setItem(`teleop.${name}`, value);
+  connection.send({ ...choice, kind: "begin", target: Number(choice.target) });
+  document.activeElement?.blur();
+  input.isActive = true;
+});
+element("take-over").addEventListener("click", () => {
+  connection.send({ kind: "take over" });
+  input.isActive = true;
+});
+element("end").addEventListener("click", () => connection.send({ kind: "end" }));
+for (const id of ["time-scale", "undo-s"]) {
+  element(id).addEventListener("change", ({ target }) => {
+    connection.send({
+      kind: "pace", time_scale: Number(element("time-scale").value), undo_s: Number(element("undo-s").value),
+    });
+    // Else the next keys would choose in the list instead of driving.
+    target.blur();
+  });
+}
+element("show-numbers").addEventListener("change", ({ target }) => {
+  element("numbers").hidden = !target.checked;
+  if (target.checked) connection.send({ kind: "numbers" });
+});
+element("show-numbers").checked = new URLSearchParams(location.search).has("numbers");
+element("numbers").hidden = !element("show-numbers").checked;
+
+setInterval(() => {
+  if (!screen || !connection.isOpen || !status.going_on) return;
+  const { latencyMs, framesPerSecond, dropped } = screen.figures;
+  say("connection", `Key to screen ${latencyMs ?? "–"} ms · ${framesPerSecond.toFixed(0)} frames/s · ${dropped} dropped`);
+}, 500);
+
+// For tests and measurements: what the page shows, as values.
+window.teleop = { status, input, get figures() { return screen?.figures; } };

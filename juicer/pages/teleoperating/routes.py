@@ -1,0 +1,131 @@
+"""Addresses of teleoperation: its page, and the socket behind it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from typing import Any
+
+from fastapi import APIRouter, FastAPI, WebSocket
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.websockets import WebSocketDisconnect
+
+from juicer.errors import JuicerError, RefusedMessage
+from juicer.pages.rendering import page
+from juicer.pages.teleoperating.hub import CREDIT, Client, Hub
+from juicer.pages.teleoperating.wire import Acknowledge, Begin, Pace, Resume, packed, parse_command
+from juicer.teleoperation.messages import MOST_BYTES
+
+FOLDER = "teleoperation"
+"""Name, in the data folder, of where recordings lie."""
+MOST_REFUSALS = 50
+"""Messages that cannot be understood after which a connection is closed."""
+_FOREIGN, _TOO_LARGE, _REFUSED = 1003, 1009, 1008
+
+
+@asynccontextmanager
+async def _hub_of_application(application: FastAPI) -> AsyncIterator[None]:
+    hub = Hub(application.state.workplace.folder / FOLDER)
+    application.state.teleoperation = hub
+    try:
+        yield
+    finally:
+        hub.close()
+
+
+router = APIRouter(lifespan=_hub_of_application)
+
+
+@router.get("/teleop")
+def teleop(request: Request) -> Response:
+    """The page."""
+    return page(request, "teleop.html")
+
+
+@router.websocket("/teleop/live")
+async def live(socket: WebSocket) -> None:
+    """One page's connection, from its opening to its end."""
+    hub: Hub = socket.app.state.teleoperation
+    await socket.accept()
+    await socket.send_text(json.dumps(hub.greeting()))
+    client = hub.enter()
+    sender = asyncio.create_task(_send(socket, hub, client))
+    try:
+        await _receive(socket, hub, client)
+    except WebSocketDisconnect:
+        pass
+    finally:
+        hub.leave(client)
+        sender.cancel()
+        with suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+            await sender
+
+
+async def _send(socket: WebSocket, hub: Hub, client: Client) -> None:
+    """Tell a page what is new: its status whenever that changes, and the newest frame as often as it can take one."""
+    told: dict[str, Any] = {}
+    while True:
+        status = hub.status(client)
+        if status != told:
+            news = {name: value for name, value in status.items() if told.get(name) != value}
+            await socket.send_text(json.dumps({"kind": "status", **news}))
+            told = status
+        frame = hub.frame
+        if frame and frame.pictures and client.credit and frame.snapshot.number != client.number:
+            client.credit -= 1
+            data = packed(frame, client.sent)
+            client.number = frame.snapshot.number
+            client.sent = {name: picture.number for name, picture in frame.pictures.items()}
+            await socket.send_bytes(data)
+        await client.news.wait()
+        client.news.clear()
+
+
+async def _receive(socket: WebSocket, hub: Hub, client: Client) -> None:
+    """Do what a page says, until it is gone or says what no page does."""
+    refusals = 0
+    while True:
+        message = await socket.receive()
+        if message["type"] == "websocket.disconnect":
+            return
+        text = message.get("text")
+        if text is None:
+            await socket.close(_FOREIGN, "messages are JSON texts")
+            return
+        if len(text) > MOST_BYTES:
+            await socket.close(_TOO_LARGE, f"a message has at most {MOST_BYTES:,} letters")
+            return
+        try:
+            await _obey(hub, client, text)
+        except JuicerError as error:
+            refusals += isinstance(error, RefusedMessage)
+            await socket.send_text(json.dumps({"kind": "refused", "sentence": str(error)}))
+            if refusals == MOST_REFUSALS:
+                await socket.close(_REFUSED, "too many messages could not be understood")
+                return
+
+
+async def _obey(hub: Hub, client: Client, text: str) -> None:
+    command = parse_command(text)
+    if command is None:
+        state = client.reader.read(text)
+        hub.hear(client, state)
+    elif isinstance(command, Acknowledge):
+        client.credit = min(client.credit + 1, CREDIT)
+        client.news.set()
+    elif isinstance(command, Begin):
+        await hub.begin(client, command)
+    elif isinstance(command, Resume):
+        await hub.resume(client, command)
+    elif isinstance(command, Pace):
+        hub.pace(client, command)
+    elif command.kind == "take over":
+        hub.give_controls(client)
+    elif command.kind == "numbers":
+        client.wants_numbers = True
+        client.news.set()
+    elif hub.drives(client):
+        hub.end() if command.kind == "end" else hub.release()

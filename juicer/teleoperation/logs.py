@@ -1,0 +1,113 @@
+"""Where a task's recordings lie: those that are written, and the one in hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from juicer.artifacts.integrity import sync
+from juicer.demonstration.log import SUFFIX, OperatorLog, write_log
+from juicer.teleoperation.drafts import Beginning, Draft
+from juicer.teleoperation.seeds import claim_next_seed
+from juicer.teleoperation.status import Kept
+from juicer.teleoperation.take import Take
+from juicer.teleoperation.verification import CHECKING, Verdict, Verification, Verifier
+
+KEPT_SHOWN = 5
+DRAFTS = "drafts"
+
+
+class Logs:
+    """The logs of one task.
+
+    Attributes:
+        folder: Where they lie: what ``logs:`` of a configuration names.
+    """
+
+    def __init__(self, folder: Path, task: str, verifier: Verifier) -> None:
+        """Look at what is there.
+
+        Args:
+            folder: Where they lie.
+            task: What they show.
+            verifier: Checks what is written.
+        """
+        self.folder = folder
+        self._task = task
+        self._verifier = verifier
+        self._written: list[Path] = []
+        self._draft: Draft | None = None
+        self._earlier = sum(1 for _ in folder.glob(f"*{SUFFIX}"))
+
+    def next_seed(self) -> int:
+        """Another initial state, see :func:`~juicer.teleoperation.seeds.claim_next_seed`."""
+        return claim_next_seed(self.folder)
+
+    def begin(self, beginning: Beginning, take: Take) -> None:
+        """An episode begins; nothing is on the disk before its first step."""
+        self._draft = Draft(self.folder / DRAFTS, beginning, take.state)
+
+    def go_on_with(self, draft: Draft) -> None:
+        """An episode goes on whose draft was left behind."""
+        self._draft = draft
+
+    def add(self, take: Take) -> None:
+        """A step was made: put it on the disk.
+
+        Raises:
+            DraftNotWritten: If the disk refuses it; it is tried again with the next one.
+        """
+        before, action = take.last_step
+        self._in_hand.add(action, idle=take.idle[-1], before=before)
+
+    def take_back(self, steps: int) -> None:
+        """Steps were taken back.
+
+        Raises:
+            DraftNotWritten: As for :meth:`add`.
+        """
+        self._in_hand.take_back(steps)
+
+    def drop(self) -> None:
+        """Nobody wants the episode in hand."""
+        self._in_hand.remove()
+
+    def close(self) -> None:
+        """Leave the episode in hand on the disk, for somebody to take it up."""
+        self._in_hand.close()
+
+    def keep(self, log: OperatorLog) -> str:
+        """Write the episode in hand, whole and onto the disk, and have it checked.
+
+        Returns:
+            The name of its log.
+
+        Raises:
+            JuicerError: If it cannot be written; it is still in hand then.
+        """
+        path = self.folder / f"{log.seed:08d}{SUFFIX}"
+        write_log(path, log)
+        sync(path)
+        sync(self.folder)
+        self._in_hand.remove()
+        self._written.insert(0, path)
+        self._verifier.submit(path, self._task)
+        return path.name
+
+    @property
+    def saved(self) -> int:
+        """Logs in the folder, without those of this session that were not, or not yet, found good."""
+        good = (Verdict.VERIFIED, Verdict.UNCHECKED)
+        return self._earlier + sum(self._verification(path).verdict in good for path in self._written)
+
+    @property
+    def kept(self) -> tuple[Kept, ...]:
+        """What became of the last episodes of this session, the newest first."""
+        return tuple(Kept(path.name, self._verification(path)) for path in self._written[:KEPT_SHOWN])
+
+    def _verification(self, path: Path) -> Verification:
+        return self._verifier.known(path) or CHECKING
+
+    @property
+    def _in_hand(self) -> Draft:
+        assert self._draft is not None, "no episode has begun"
+        return self._draft

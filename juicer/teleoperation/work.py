@@ -1,0 +1,321 @@
+"""What becomes of an operator's wishes: steps, steps taken back, an episode that ends and is kept, the next one.
+
+No thread and no clock: one call is one control step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from datetime import datetime
+from enum import Enum, auto
+
+import numpy as np
+from numpy.typing import NDArray
+
+from juicer.demonstration.correction import KEPT_AFTER_TOGGLE
+from juicer.demonstration.log import MOST_STEPS
+from juicer.episode import Outcome
+from juicer.errors import DraftNotWritten, JuicerError, UnusableDraft
+from juicer.geometry import rot6d_to_matrix, rotvec_to_matrix
+from juicer.gripper import gripper_commands
+from juicer.sim.env import STEP_S, AssemblyEnv
+from juicer.teleoperation.controls import Intent
+from juicer.teleoperation.drafts import Beginning, LeftDraft
+from juicer.teleoperation.key_maps import Action
+from juicer.teleoperation.logs import Logs
+from juicer.teleoperation.status import Phase
+from juicer.teleoperation.take import Provenance, Take
+
+UNDO_STEPS = 10
+IDLE_STEPS = 300
+"""Steps without a wish after which the world stands still, so that nobody fills a log by thinking."""
+STANDING_STEPS = 2
+"""Steps that the arm is given to come to rest when the operator is gone."""
+OPEN, CLOSE = -1.0, 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """What an operator has chosen to record.
+
+    Attributes:
+        task: Assembly task.
+        randomness: Level of the initial states.
+        operator: Name of the operator, for the logs; may be empty.
+        target: Demonstrations wanted.
+        keys: Name of the key map, for the logs.
+    """
+
+    task: str
+    randomness: str = "low"
+    operator: str = ""
+    target: int = 50
+    keys: str = "original"
+
+
+class Ending(Enum):
+    """Why an episode goes on no more."""
+
+    KEPT = auto()
+    """It is a success, and written."""
+    NOT_WRITTEN = auto()
+    """It is a success, but the disk refuses it."""
+    FAILED = auto()
+    """A part is lost, the simulation has diverged, or the log is full."""
+
+
+_FAILURES = {
+    Outcome.PART_LOST: "A part fell off the table",
+    Outcome.DIVERGED: "The simulation broke down",
+    Outcome.TIMEOUT: f"A log holds {MOST_STEPS:,} steps, and this one is full",
+}
+
+
+class Work:
+    """One operator's episodes of one task, one after the other.
+
+    Attributes:
+        choice: What is recorded.
+        take: The episode in hand.
+        ending: Why it goes on no more; None as long as it does.
+        undo_s: Seconds that the longer undo takes back.
+        time_scale: Simulated seconds a second, for the logs.
+    """
+
+    def __init__(self, choice: Choice, logs: Logs) -> None:
+        """Prepare the scene and begin the first episode.
+
+        Raises:
+            ConfigError: If there is no such task or randomness.
+            LogNotWritten: If the folder of the logs cannot be written.
+        """
+        self.choice = choice
+        self.logs = logs
+        self.undo_s = 5.0
+        self.time_scale = 1.0
+        self.env = AssemblyEnv(choice.task, choice.randomness, max_steps=MOST_STEPS)
+        self._begin(logs.next_seed())
+
+    def _begin(self, seed: int, note: str = "") -> None:
+        self._began = _now()
+        self.take = Take(self.env, seed)
+        choice = self.choice
+        beginning = Beginning(
+            task=choice.task, randomness=choice.randomness, seed=seed, began=self._began,
+            operator=choice.operator, keys=choice.keys,
+        )  # fmt: skip
+        self.logs.begin(beginning, self.take)
+        self._prepare(note)
+
+    def resume(self, left: LeftDraft) -> None:
+        """Go on with an episode that was interrupted, where it was; the one in hand must be a new one.
+
+        Raises:
+            UnusableDraft: If somebody else goes on with it, or it is of another task.
+            DraftNotWritten: If the disk refuses that.
+        """
+        beginning = left.beginning
+        if (beginning.task, beginning.randomness) != (self.choice.task, self.choice.randomness):
+            raise UnusableDraft(f"draft '{left.path.name}' is of {beginning.task} at {beginning.randomness} randomness")
+        take = Take(self.env, beginning.seed, left.state)
+        resumed = left.resume(self.env, lambda action, idle: take.act(action, idle=idle))
+        self.logs.go_on_with(left.take_up(resumed))
+        self.take, self._began = take, beginning.began
+        lost = len(left.steps) - resumed
+        self._prepare(
+            f"Here you were interrupted, after {resumed} steps"
+            + (f"; {lost} more could not be computed again by this version of the simulator" if lost else "")
+        )
+        self._follow_gripper()
+
+    def _prepare(self, note: str) -> None:
+        self.ending: Ending | None = None
+        self._sources: set[str] = set()
+        self._hold: NDArray[np.float64] | None = None
+        self._gripper = OPEN
+        self._toggled = False
+        self._since_toggle = KEPT_AFTER_TOGGLE
+        self._grace = 0
+        self._note = note
+        self._paused = self._away = False
+        self.acts = False
+        self.slow = False
+
+    @property
+    def gripper_closes(self) -> bool:
+        """Whether the gripper was told to close."""
+        return self._gripper == CLOSE
+
+    @property
+    def _settling(self) -> int:
+        """Steps that still belong to the last toggle of the gripper."""
+        return max(KEPT_AFTER_TOGGLE - self._since_toggle, 0)
+
+    def obey(self, presses: Collection[Action]) -> None:
+        """Do what was asked for by single presses; what a disk refuses is said."""
+        for action in Action:
+            if action in presses:
+                try:
+                    self._obey(action)
+                except JuicerError as error:
+                    self._note = str(error)
+
+    def _obey(self, action: Action) -> None:
+        if self.ending is Ending.KEPT:
+            return
+        if action is Action.DISCARD:
+            seed = self.logs.next_seed()
+            self.logs.drop()
+            self._begin(seed, "Discarded; this is another initial state")
+        elif action is Action.RESET:
+            self.logs.drop()
+            self._begin(self.take.seed, "The same initial state anew")
+        elif action in (Action.UNDO, Action.UNDO_MORE):
+            self._undo(UNDO_STEPS if action is Action.UNDO else round(self.undo_s / STEP_S))
+        elif action is Action.SUCCESS:
+            self._claim_success()
+        elif self.ending is None:
+            self._steer(action)
+
+    def _steer(self, action: Action) -> None:
+        if action is Action.PAUSE:
+            self._paused, self._note = True, ""
+        elif action is Action.PROCEED:
+            self._paused, self._note = False, ""
+        elif action is Action.GRIPPER and not self._paused and not self._settling:
+            self._gripper, self._toggled = -self._gripper, True
+
+    def _claim_success(self) -> None:
+        if self.ending is Ending.NOT_WRITTEN:
+            self._keep()
+        elif self.ending is None:
+            self._note = (
+                f"Not yet a success: {self.assembled} of {len(self.env.task.pairs)} pairs are assembled. "
+                "A success is seen and saved by itself"
+            )
+
+    def _undo(self, steps: int) -> None:
+        undone = self.take.undo(steps)
+        self._follow_gripper()
+        self.ending, self._hold, self._toggled, self._grace = None, None, False, 0
+        self.acts = False
+        self._note = f"Took back {undone} steps" if undone else "There is nothing to take back"
+        self.logs.take_back(undone)
+
+    def _follow_gripper(self) -> None:
+        """Know again what the gripper was told last, and when."""
+        commands = gripper_commands(self.take.actions)
+        toggles = np.flatnonzero(np.diff(commands, prepend=OPEN))
+        self._gripper = float(commands[-1]) if len(commands) else OPEN
+        self._since_toggle = len(commands) - 1 - int(toggles[-1]) if len(toggles) else KEPT_AFTER_TOGGLE
+
+    def step(self, intent: Intent, *, present: bool, source: str = "") -> bool:
+        """One control step; False if the world stands still.
+
+        Args:
+            intent: What the operator wants.
+            present: Whether somebody holds the controls.
+            source: Kind of device that was heard of.
+        """
+        self._away, self.slow = not present, intent.slow
+        if self.ending:
+            return False
+        free = present and not self._paused
+        acts = free and (intent.moves or self._toggled)
+        if acts:
+            self._grace = IDLE_STEPS + 1
+            self._note = ""
+            self._sources.add(source or "keyboard")
+        elif not free:
+            self._grace = min(self._grace, max(STANDING_STEPS, self._settling))
+        self.acts = acts or self._settling > 0
+        if self._grace == 0:
+            self.acts = False
+            return False
+        self._grace -= 1
+        self._since_toggle = 0 if self._toggled else self._since_toggle + 1
+        self._toggled = False
+        self.take.act(self._action(intent if acts else Intent()), idle=not acts)
+        try:
+            self.logs.add(self.take)
+        except DraftNotWritten as error:
+            self._note = f"{error}; what you record is kept in memory only"
+        if self.take.done:
+            self._end()
+        return True
+
+    def _action(self, intent: Intent) -> NDArray[np.float64]:
+        shown = self.take.observation["proprioception"].astype(np.float64)
+        if intent.moves:
+            twist = np.asarray(intent.twist) * STEP_S
+            rotation = rotvec_to_matrix(twist[3:]) @ rot6d_to_matrix(shown[3:9])
+            self._hold = None
+            pose = np.concatenate([shown[:3] + twist[:3], rotation[:2].ravel()])
+        else:
+            # Where it was when the operator let go: holding the last target would lead on.
+            self._hold = shown[:9] if self._hold is None else self._hold
+            pose = self._hold
+        action: NDArray[np.float64] = np.clip(np.append(pose, self._gripper), -1.0, 1.0)
+        return action
+
+    def _end(self) -> None:
+        outcome = self.take.outcome
+        if outcome is Outcome.SUCCESS:
+            self._keep()
+        elif outcome is not None:
+            self.ending = Ending.FAILED
+            self._note = f"{_FAILURES[outcome]}: take steps back or discard the episode"
+
+    def _keep(self) -> None:
+        keys = f"keys {self.choice.keys}, time scale {self.time_scale:g}"
+        device = f"{' and '.join(sorted(self._sources)) or 'keyboard'}, {keys}"
+        try:
+            name = self.logs.keep(self.take.log(Provenance(self.choice.operator, device, self._began, _now())))
+        except (JuicerError, OSError) as error:
+            self.ending = Ending.NOT_WRITTEN
+            self._note = f"Assembled, but {error}; make room, then press success again, or discard it"
+            return
+        self.ending = Ending.KEPT
+        self._note = f"Assembled, and written as {name}; it is being checked"
+
+    def close(self) -> None:
+        """Stop; what was recorded of the episode in hand stays on the disk."""
+        self.logs.close()
+        self.env.close()
+
+    def go_on(self) -> None:
+        """Begin the next episode, once the last one is kept."""
+        if self.ending is Ending.KEPT:
+            self._begin(self.logs.next_seed())
+
+    @property
+    def assembled(self) -> int:
+        """Pairs that are assembled."""
+        return int(self.take.info.get("parts_assembled", 0))
+
+    @property
+    def phase(self) -> Phase:
+        """What becomes of the present moment."""
+        if self.ending:
+            return Phase.OVER
+        if self._paused or self._away:
+            return Phase.PAUSED
+        return Phase.RECORDING if self.acts else Phase.IDLE
+
+    @property
+    def sentence(self) -> str:
+        """The same for people, with what they may do about it."""
+        if self._note:
+            return self._note
+        if self._paused:
+            return "Paused by you; continue when you like"
+        if self._away:
+            return "Paused, as nothing is heard of the operator; click into the page and go on"
+        if self.acts:
+            return "Recording what you do"
+        return "Nothing is recorded while you do nothing" if len(self.take) else "Recording begins when you move"
+
+
+def _now() -> str:
+    return datetime.now().astimezone().isoformat(timespec="seconds")

@@ -1,0 +1,112 @@
+"""A scripted pair of hands at a real page, by real key events over the real socket, in headless Chromium."""
+
+from __future__ import annotations
+
+import json
+import time
+
+import pytest
+
+from juicer.demonstration.ingestion import Demonstration, IngestionConfig, ingest
+from juicer.demonstration.log import read_log
+from tests.pages.teleoperating.chromium import CHROMIUM, Chromium
+from tests.pages.teleoperating.driving import begin, drive
+from tests.teleoperation.hands import Hands
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")]
+
+ATTEMPTS, SECONDS = 6, 200
+
+
+@pytest.fixture
+def browser(tmp_path):
+    with Chromium(tmp_path / "profile") as browser:
+        yield browser
+
+
+def shown(browser: Chromium, name: str) -> object:
+    return json.loads(browser.evaluate(f"JSON.stringify(teleop.status.{name} ?? null)"))
+
+
+@pytest.mark.timeout(1500)
+def test_hands_drive_one_leg_to_a_success_that_is_saved_and_ingested(serve, tmp_path, browser):
+    with serve(tmp_path) as server:
+        begin(browser, server.teleop)
+        for attempt in range(ATTEMPTS):
+            if drive(browser, Hands("one_leg", attempt), SECONDS) > 0:
+                break
+            browser.press("KeyN")
+        browser.until("teleop.status.kept[0].verification.verdict !== 'checking'", 120)
+        assert shown(browser, "kept[0].verification.verdict") == "verified", shown(browser, "kept")
+        assert shown(browser, "saved") == 1
+        assert browser.evaluate("document.querySelector('#saved').textContent") == "1"
+    (path,) = (tmp_path / "teleoperation" / "one_leg").glob("*.npz")
+    (demonstration,) = ingest([path], IngestionConfig(task="one_leg"))
+    assert isinstance(demonstration, Demonstration)
+    assert demonstration.episode.record.operator == "scripted hands"
+    assert demonstration.episode.record.device.startswith("keyboard, keys original")
+    assert len(read_log(path)) == demonstration.num_steps
+
+
+def test_a_killed_server_loses_nothing_of_the_episode_in_hand_and_offers_it(serve, tmp_path, browser):
+    with serve(tmp_path) as server:
+        begin(browser, server.teleop)
+        browser.key_down("KeyA")
+        browser.until("teleop.status.step >= 15")
+        steps = shown(browser, "step")
+        server.kill()
+        browser.key_up("KeyA")
+        browser.until("!document.querySelector('#problem').hidden")
+    with serve(tmp_path) as server:
+        browser.goto(server.teleop)
+        browser.until("!document.querySelector('#drafts').hidden")
+        browser.evaluate("document.querySelector('#draft-list button').click()")
+        browser.until("teleop.status.going_on && teleop.status.step > 0")
+        assert shown(browser, "step") >= steps
+        browser.until("document.querySelector('#sentence').textContent.includes('interrupted')")
+
+
+def test_a_key_that_is_held_when_the_page_loses_focus_is_let_go(serve, tmp_path, browser):
+    with serve(tmp_path) as server:
+        begin(browser, server.teleop)
+        browser.key_down("KeyA")
+        browser.until("teleop.status.step >= 5")
+        browser.evaluate("window.dispatchEvent(new Event('blur'))")
+        browser.until("teleop.status.phase === 'paused'")
+        time.sleep(0.5)  # the arm comes to rest
+        steps = shown(browser, "step")
+        time.sleep(1)
+        assert shown(browser, "step") == steps
+        assert browser.evaluate("document.querySelector('#phase').textContent") == "Paused"
+
+
+def test_the_list_of_keys_is_there_and_the_question_mark_hides_it(serve, tmp_path, browser):
+    with serve(tmp_path) as server:
+        begin(browser, server.teleop)
+        assert "towards you" in browser.evaluate("document.querySelector('#key-list').innerText")
+        browser.press("Slash")
+        assert browser.evaluate("document.querySelector('#keys').hidden")
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (800, 600), (640, 400)])
+def test_nothing_of_the_page_is_cut_off_at_its_side(serve, tmp_path, browser, size):
+    """The last size is that of 1280x800 at 200 % text."""
+    with serve(tmp_path) as server:
+        begin(browser, server.teleop)
+        browser.resize(*size)
+        browser.until(f"window.innerWidth === {size[0]}")
+        assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+
+
+def test_a_gamepad_drives_too(serve, tmp_path, browser):
+    with serve(tmp_path) as server:
+        begin(browser, server.teleop)
+        browser.evaluate(
+            "window.pad = {connected: true, mapping: 'standard', axes: [0.9, 0, 0, 0],"
+            " buttons: Array.from({length: 17}, () => ({pressed: false, value: 0}))};"
+            "navigator.getGamepads = () => [window.pad]"
+        )
+        browser.until("teleop.status.step >= 5")
+        assert shown(browser, "phase") == "recording"
+        browser.evaluate("window.dispatchEvent(new Event('gamepaddisconnected')); navigator.getGamepads = () => []")
+        browser.until("teleop.status.phase === 'paused'")

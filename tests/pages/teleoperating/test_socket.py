@@ -1,0 +1,336 @@
+"""What the socket of teleoperation does with what may come over it."""
+
+from __future__ import annotations
+
+import json
+import struct
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from typing import Any
+
+import pytest
+from starlette.testclient import TestClient, WebSocketTestSession
+from starlette.websockets import WebSocketDisconnect
+
+from flows.servers.guard import Guard
+from juicer.artifacts.store import ArtifactStore
+from juicer.pages.access import Access
+from juicer.pages.application import create_application
+from juicer.pages.teleoperating.hub import CREDIT
+from juicer.pages.workplace import Workplace
+from juicer.teleoperation.messages import MOST_BYTES
+from juicer.teleoperation.painter import PANES
+from juicer.teleoperation.work import STANDING_STEPS
+
+HEADER = struct.Struct("<BBHiiiid")
+TOKEN = "f" * 32
+
+
+@pytest.fixture
+def application(tmp_path):
+    return create_application(Workplace(ArtifactStore(tmp_path / "store"), tmp_path))
+
+
+@pytest.fixture
+def client(application) -> Iterator[TestClient]:
+    with TestClient(application) as client:
+        yield client
+
+
+class Page:
+    """What a page does, without a browser."""
+
+    def __init__(self, socket: WebSocketTestSession) -> None:
+        self._socket = socket
+        self.status: dict[str, Any] = {}
+        self.refusals: list[str] = []
+        self.frames: list[bytes] = []
+        self.sequence = 0
+        self.edges: dict[str, int] = {}
+        self.greeting = json.loads(socket.receive_text())
+
+    def say(self, message: object) -> None:
+        self._socket.send_text(message if isinstance(message, str) else json.dumps(message))
+
+    def hold(self, *keys: str) -> None:
+        self.sequence += 1
+        self.say({"source": "keyboard", "sequence": self.sequence, "held": keys, "edges": self.edges})
+
+    def press(self, key: str) -> None:
+        self.edges[key] = self.edges.get(key, 0) + 1
+        self.hold()
+
+    def hear(self, paints: bool = True) -> None:
+        """Take one message, and acknowledge it if it is a frame."""
+        message = self._socket.receive()
+        if message["type"] == "websocket.close":
+            raise WebSocketDisconnect(message["code"], message.get("reason"))
+        if data := message.get("bytes"):
+            self.frames.append(data)
+            if paints:
+                self.say({"kind": "painted", "number": HEADER.unpack_from(data)[3]})
+            return
+        content = json.loads(message["text"])
+        if content.pop("kind") == "refused":
+            self.refusals.append(content["sentence"])
+        else:
+            self.status |= content
+
+    def until(self, test: Callable[[], bool], *keys: str, silent: bool = False) -> None:
+        end = time.monotonic() + 60
+        while not test():
+            assert time.monotonic() < end, "it never came"
+            if not silent:
+                self.hold(*keys)
+            self.hear()
+
+    def begin(self, **order: object) -> None:
+        self.say({"kind": "begin", "task": "one_leg", "operator": "Anna", "target": 3, **order})
+        self.until(lambda: self.status.get("going_on", False) and len(self.frames) > 0, silent=True)
+
+    def steps(self) -> int:
+        return self.status["step"]
+
+
+@pytest.fixture
+def connect(client) -> Iterator[Callable[[], Page]]:
+    with ExitStack() as sockets:
+
+        def open_page() -> Page:
+            return Page(sockets.enter_context(client.websocket_connect("/teleop/live")))
+
+        yield open_page
+
+
+@pytest.fixture
+def page(connect) -> Page:
+    return connect()
+
+
+def test_page_is_served_with_nothing_inline(client):
+    answer = client.get("/teleop")
+    assert answer.status_code == 200
+    assert "/static/teleop/main.js" in answer.text
+    assert "style=" not in answer.text
+    assert client.get("/static/teleop/main.js").status_code == 200
+
+
+def test_the_greeting_names_what_can_be_chosen(page):
+    assert {"one_leg", "lamp"} <= set(page.greeting["tasks"])
+    assert page.greeting["randomness"] == ["low", "med", "high"]
+    assert page.greeting["key_maps"][0] == "original"
+    assert [pane["name"] for pane in page.greeting["panes"]] == [pane.name for pane in PANES]
+
+
+def test_a_frame_carries_the_numbers_of_its_header_and_an_image_a_pane(page):
+    page.begin()
+    page.until(lambda: page.steps() >= 3, "KeyA")
+    kind, count, _, number, heard, moved_by, step, sent_ms = HEADER.unpack_from(page.frames[0])
+    assert (kind, count) == (1, len(PANES))
+    lengths = struct.unpack_from(f"<{count}I", page.frames[0], HEADER.size)
+    images = page.frames[0][HEADER.size + 4 * count :]
+    assert sum(lengths) == len(images)
+    assert images.startswith(b"\xff\xd8"), "JPEG"
+    *_, last = page.frames
+    _, _, _, later, last_heard, last_moved_by, last_step, later_ms = HEADER.unpack_from(last)
+    assert later > number
+    assert later_ms > sent_ms
+    assert (heard, moved_by, step) == (-1, -1, 0)
+    assert 0 < last_moved_by <= last_heard <= page.sequence
+    assert 0 < last_step <= page.steps()
+
+
+def test_an_image_that_has_not_changed_is_not_sent_again(page):
+    page.begin()
+    seen = len(page.frames)
+    page.until(lambda: len(page.frames) > seen + 8, silent=True)
+    *_, last = page.frames
+    assert sum(struct.unpack_from(f"<{len(PANES)}I", last, HEADER.size)) == 0
+
+
+def test_no_more_frames_are_on_their_way_than_the_credit_allows(page):
+    page.begin()
+    while len(page.frames) < 1 + CREDIT:
+        page.hold("KeyA")
+        page.hear(paints=False)
+    unanswered = len(page.frames)
+    for _ in range(20):
+        page.hold("KeyA")
+        page.hear(paints=False)
+    assert len(page.frames) <= unanswered + 1
+    page.say({"kind": "painted", "number": 1})
+    page.until(lambda: len(page.frames) > unanswered, "KeyA")
+
+
+def test_replayed_and_overtaken_messages_are_answered_and_change_nothing(page):
+    page.begin()
+    page.sequence = 100
+    page.press("KeyZ")
+    page.until(lambda: page.status["gripper_closes"])
+    replay = {"source": "keyboard", "sequence": page.sequence, "held": ["KeyA"], "edges": {"KeyZ": 2}}
+    page.say(replay)
+    page.say(replay | {"sequence": 50})
+    page.until(lambda: len(page.refusals) == 2)
+    assert all("repeated or overtaken" in sentence for sentence in page.refusals)
+    assert page.status["gripper_closes"]
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        ("no JSON", "one JSON object"),
+        ([1, 2], "one JSON object"),
+        ({"kind": "fly"}, "kind"),
+        ({"kind": "begin", "task": "one_leg", "target": -1}, "target"),
+        ({"kind": "begin", "task": "rocket"}, "no task 'rocket'"),
+        ({"kind": "begin", "task": "one_leg", "randomness": "wild"}, "unknown randomness 'wild'"),
+        ({"kind": "begin", "task": "one_leg", "keys": "/etc/passwd"}, "no key map '/etc/passwd'"),
+        ({"kind": "resume", "task": "..", "draft": "../../x"}, "no longer there"),
+        ({"kind": "pace", "time_scale": 1e9, "undo_s": 1}, "time_scale"),
+        ({"source": "keyboard", "sequence": 1, "held": ["Nonsense"], "edges": {}}, "a key or button that there is not"),
+        ({"source": "keyboard", "sequence": 2**40}, "whole number"),
+    ],
+)
+def test_what_no_page_says_is_answered_with_a_sentence(page, message, reason):
+    page.say(message)
+    page.until(lambda: len(page.refusals) == 1, silent=True)
+    assert reason in page.refusals[0]
+
+
+def test_an_oversized_message_ends_the_connection(page):
+    page.say("x" * (MOST_BYTES + 1))
+    with pytest.raises(WebSocketDisconnect) as closed:
+        page.until(lambda: False, silent=True)
+    assert closed.value.code == 1009
+
+
+def test_a_binary_message_ends_the_connection(page):
+    page._socket.send_bytes(b"\0" * 10)
+    with pytest.raises(WebSocketDisconnect) as closed:
+        page.until(lambda: False, silent=True)
+    assert closed.value.code == 1003
+
+
+def test_nonsense_without_end_ends_the_connection(page):
+    for _ in range(60):
+        page.say("nonsense")
+    with pytest.raises(WebSocketDisconnect) as closed:
+        page.until(lambda: False, silent=True)
+    assert closed.value.code == 1008
+
+
+def test_a_second_page_watches_and_cannot_steer_until_it_takes_over(page, connect):
+    page.begin()
+    other = connect()
+    other.until(lambda: other.status.get("going_on", False), silent=True)
+    assert not other.status["drives"]
+    other.until(lambda: len(other.frames) > 5, "KeyA")
+    assert other.steps() == 0
+    other.say({"kind": "begin", "task": "lamp"})
+    other.until(lambda: len(other.refusals) == 1, silent=True)
+    assert "another page has the controls" in other.refusals[0]
+    other.say({"kind": "take over"})
+    other.until(lambda: other.status["drives"], silent=True)
+    other.until(lambda: other.steps() >= 3, "KeyA")
+    page.until(lambda: not page.status["drives"], silent=True)
+    other.say({"kind": "release"})
+    other.until(lambda: other.status["phase"] == "paused", silent=True)
+    seen = len(page.frames)
+    page.until(lambda: len(page.frames) > seen + 10, "KeyD")
+    assert page.status["phase"] == "paused"
+
+
+def test_presses_made_in_vain_do_not_count_after_taking_over(page, connect):
+    page.begin()
+    other = connect()
+    other.press("KeyZ")
+    other.press("KeyZ")
+    other.press("KeyZ")
+    other.until(lambda: other.status.get("going_on", False), silent=True)
+    other.say({"kind": "take over"})
+    other.until(lambda: other.status["drives"] and other.steps() > 2, "KeyA")
+    assert not other.status["gripper_closes"]
+
+
+def test_a_socket_that_is_cut_stops_the_arm_within_two_steps(page, connect):
+    watcher = connect()
+    page.say({"kind": "take over"})
+    page.begin()
+    page.until(lambda: page.steps() >= 5, "KeyA")
+    page._socket.close()
+    steps = page.steps()
+    watcher.until(lambda: watcher.status.get("phase") == "paused", silent=True)
+    seen = len(watcher.frames)
+    watcher.until(lambda: len(watcher.frames) > seen + 10, silent=True)
+    # One step may have been under way, and one more have been made before the end was noticed.
+    assert watcher.steps() <= steps + STANDING_STEPS + 2
+    assert not watcher.status["is_driven"]
+
+
+def test_a_server_that_stalls_for_two_seconds_stops_the_arm_and_goes_on_afterwards(page, client):
+    page.begin()
+    page.until(lambda: page.steps() >= 5, "KeyA")
+    steps = page.steps()
+
+    async def stall() -> None:
+        time.sleep(2)
+
+    client.portal.call(stall)
+    page.until(lambda: page.status["phase"] == "paused", silent=True)
+    # Silence is noticed after a quarter of a second.
+    assert page.steps() <= steps + STANDING_STEPS + 4
+    page.until(lambda: page.status["phase"] == "recording", "KeyA")
+
+
+def test_a_page_that_comes_back_finds_its_episode(page, connect):
+    page.begin()
+    page.until(lambda: page.steps() >= 5, "KeyA")
+    page._socket.close()
+    again = connect()
+    again.until(lambda: again.status.get("drives", False) and "step" in again.status, silent=True)
+    assert again.steps() >= 5
+
+
+def test_an_interrupted_episode_is_offered_and_gone_on_with(page):
+    page.begin()
+    page.until(lambda: page.steps() >= 12, "KeyA")
+    page.say({"kind": "end"})
+    page.until(lambda: not page.status["going_on"] and page.status["drafts"] != [], silent=True)
+    (draft,) = page.status["drafts"]
+    assert (draft["task"], draft["operator"]) == ("one_leg", "Anna")
+    page.say({"kind": "resume", "task": "one_leg", "draft": draft["draft"]})
+    page.until(lambda: page.status["going_on"], silent=True)
+    assert "interrupted" in page.status["sentence"]
+    assert page.steps() >= 12
+
+
+def test_an_interrupted_episode_that_nobody_wants_is_removed(page):
+    page.begin()
+    page.until(lambda: page.steps() >= 5, "KeyA")
+    page.say({"kind": "end"})
+    page.until(lambda: not page.status["going_on"] and page.status["drafts"] != [], silent=True)
+    page.say({"kind": "forget", "task": "one_leg", "draft": page.status["drafts"][0]["draft"]})
+    page.until(lambda: page.status["drafts"] == [], silent=True)
+
+
+def test_numbers_are_told_to_whoever_asks(page):
+    page.begin()
+    assert "numbers" not in page.status
+    page.say({"kind": "numbers"})
+    page.until(lambda: "numbers" in page.status, silent=True)
+    assert len(page.status["numbers"]["proprioception"]) == 16
+
+
+@pytest.mark.parametrize("headers", [{}, {"cookie": "juicer=wrong"}])
+def test_whoever_does_not_know_the_token_gets_no_socket(application, headers):
+    stranger = TestClient(Access(application, TOKEN))
+    with pytest.raises(WebSocketDisconnect), stranger.websocket_connect("/teleop/live", headers=headers):
+        pass
+
+
+@pytest.mark.parametrize("headers", [{"origin": "http://evil.example"}, {"host": "evil.example"}])
+def test_other_web_pages_get_no_socket(application, headers):
+    guarded = TestClient(Guard(application, {"127.0.0.1:8000"}), base_url="http://127.0.0.1:8000")
+    with pytest.raises(WebSocketDisconnect), guarded.websocket_connect("/teleop/live", headers=headers):
+        pass

@@ -1,0 +1,220 @@
+"""What becomes of an operator's wishes, control step by control step, in the real simulator."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from juicer.demonstration.ingestion import Ingestion, IngestionConfig, steps_to_keep
+from juicer.demonstration.log import read_log
+from juicer.errors import UnusableDraft
+from juicer.seed_ranges import Purpose, check_seeds
+from juicer.teleoperation.controls import Intent
+from juicer.teleoperation.drafts import left_in, read_draft
+from juicer.teleoperation.key_maps import Action
+from juicer.teleoperation.logs import DRAFTS
+from juicer.teleoperation.status import Phase
+from juicer.teleoperation.work import IDLE_STEPS, STANDING_STEPS, Ending
+
+LEFT = Intent(twist=(0.0, -0.1, 0.0, 0.0, 0.0, 0.0))
+STILL = Intent()
+
+
+def move(work, steps, intent=LEFT, **facts):
+    return [work.step(intent, **{"present": True, "source": "keyboard", **facts}) for _ in range(steps)]
+
+
+def test_nothing_is_recorded_before_the_operator_moves(work):
+    assert move(work, 5, STILL) == [False] * 5
+    assert len(work.take) == 0
+    assert work.phase is Phase.IDLE
+
+
+def test_a_held_key_moves_the_arm_and_is_recorded(work):
+    before = work.take.observation["proprioception"][1]
+    move(work, 10)
+    assert work.phase is Phase.RECORDING
+    assert work.take.idle == [False] * 10
+    assert work.take.observation["proprioception"][1] < before - 0.02
+
+
+def test_a_step_without_a_wish_is_recorded_as_idle_and_the_arm_comes_to_rest(work):
+    move(work, 10)
+    move(work, 10, STILL)
+    assert work.phase is Phase.IDLE
+    assert work.take.idle == [False] * 10 + [True] * 10
+    assert np.linalg.norm(work.take.observation["proprioception"][9:12]) < 0.002
+
+
+def test_the_world_stands_still_when_nothing_was_wished_for_long(work):
+    move(work, 1)
+    moved = move(work, IDLE_STEPS + 20, STILL)
+    assert moved.count(True) == IDLE_STEPS
+    assert move(work, 1) == [True]
+
+
+def test_undo_restores_the_simulator_bit_for_bit_and_the_steps_leave_the_recording(work):
+    move(work, 15)
+    kept = work.take.state
+    move(work, 10)
+    work.obey([Action.UNDO])
+    assert work.take.state.tobytes() == kept.tobytes()
+    assert len(work.take) == len(work.take.idle) == 15
+    move(work, 3)
+    work.logs.close()
+    (draft,) = left_in(work.logs.folder / DRAFTS)
+    assert len(read_draft(draft).steps) == 18
+
+
+def test_the_longer_undo_takes_back_seconds(work):
+    work.undo_s = 2.0
+    move(work, 30)
+    work.obey([Action.UNDO_MORE])
+    assert len(work.take) == 10
+
+
+def test_undo_of_more_than_there_is_leads_to_the_beginning(work):
+    start = work.take.state
+    move(work, 4)
+    work.obey([Action.UNDO])
+    assert work.take.state.tobytes() == start.tobytes()
+    work.obey([Action.UNDO])
+    assert "nothing to take back" in work.sentence
+
+
+def test_a_gripper_toggle_counts_twelve_steps_even_if_the_operator_is_idle(work):
+    work.obey([Action.GRIPPER])
+    assert work.gripper_closes
+    move(work, 1, STILL)
+    work.obey([Action.GRIPPER])
+    assert work.gripper_closes, "it is blocked until the fingers had their time"
+    move(work, 20, STILL)
+    keep = steps_to_keep(work.take.actions, np.array(work.take.idle), 12)
+    assert np.flatnonzero(keep).tolist() == list(range(13))
+    work.obey([Action.GRIPPER])
+    assert not work.gripper_closes
+
+
+def test_undo_of_a_toggle_is_a_toggle_back(work):
+    move(work, 5)
+    work.obey([Action.GRIPPER])
+    move(work, 5)
+    work.obey([Action.UNDO])
+    assert not work.gripper_closes
+
+
+def test_a_pause_stops_the_world_until_the_operator_continues(work):
+    move(work, 10)
+    work.obey([Action.PAUSE])
+    assert move(work, 10).count(True) == STANDING_STEPS
+    assert work.phase is Phase.PAUSED
+    assert work.take.idle[-STANDING_STEPS:] == [True] * STANDING_STEPS
+    work.obey([Action.PROCEED])
+    assert move(work, 1) == [True]
+
+
+def test_the_arm_stands_within_a_quarter_of_a_second_when_the_operator_is_gone(work):
+    move(work, 10)
+    assert move(work, 10, STILL, present=False).count(True) == STANDING_STEPS
+    assert STANDING_STEPS * 0.1 <= 0.25
+    assert np.linalg.norm(work.take.observation["proprioception"][9:12]) < 0.02
+    assert work.phase is Phase.PAUSED
+    assert "nothing is heard" in work.sentence
+
+
+def test_a_success_that_is_none_yet_is_not_saved(work):
+    move(work, 10)
+    work.obey([Action.SUCCESS])
+    assert "0 of 1 pairs" in work.sentence
+    assert work.logs.kept == ()
+
+
+def test_discard_begins_another_initial_state_and_leaves_nothing_behind(work):
+    seed = work.take.seed
+    move(work, 10)
+    work.obey([Action.DISCARD])
+    assert work.take.seed != seed
+    assert len(work.take) == 0
+    work.logs.close()
+    assert left_in(work.logs.folder / DRAFTS) == []
+
+
+def test_reset_begins_the_same_initial_state_anew(work):
+    seed, start = work.take.seed, work.take.state
+    move(work, 10)
+    work.obey([Action.RESET])
+    assert work.take.seed == seed
+    assert work.take.state.tobytes() == start.tobytes()
+
+
+def test_no_two_episodes_of_people_begin_alike_whoever_records_them(make_work):
+    first, second = make_work(), make_work()
+    seeds = [first.take.seed, second.take.seed]
+    for work in (first, second, make_work()):
+        work.obey([Action.DISCARD])
+        seeds.append(work.take.seed)
+    assert len(set(seeds)) == len(seeds)
+    check_seeds(Purpose.DEMONSTRATIONS, seeds)
+
+
+def test_an_assembled_episode_is_written_whole_and_ingested_as_it_is(assembled):
+    assert assembled.ending is Ending.KEPT
+    assert assembled.phase is Phase.OVER
+    (path,) = assembled.logs.folder.glob("*.npz")
+    log = read_log(path)
+    assert (log.operator, log.device) == ("Anna", "keyboard, keys original, time scale 1")
+    began, ended = log.recorded_at.split("/")
+    assert began <= ended
+    demonstration = Ingestion(IngestionConfig(task="one_leg")).ingest_log(log, path.name)
+    assert demonstration.episode.record.operator == "Anna"
+    assert left_in(assembled.logs.folder / DRAFTS) == []
+
+
+def test_the_next_episode_begins_after_a_success(assembled):
+    seed = assembled.take.seed
+    assembled.obey([Action.DISCARD])
+    assert assembled.take.seed == seed, "what is kept cannot be discarded"
+    assembled.go_on()
+    assert assembled.take.seed != seed
+    assert assembled.ending is None
+
+
+def test_what_the_disk_refuses_stays_in_hand_until_it_is_written(make_work, tmp_path):
+    work = make_work()
+    obstacle = tmp_path / f"{work.take.seed:08d}.npz"
+    obstacle.mkdir()
+    from tests.teleoperation.hands import assemble
+
+    assemble(work, seed=1)
+    assert work.ending is Ending.NOT_WRITTEN
+    assert "cannot be written" in work.sentence
+    obstacle.rmdir()
+    work.obey([Action.SUCCESS])
+    assert work.ending is Ending.KEPT
+    assert len(read_log(obstacle)) == len(work.take)
+
+
+def test_an_interrupted_episode_goes_on_where_it_was(make_work):
+    first = make_work()
+    move(first, 8)
+    first.obey([Action.GRIPPER])
+    move(first, 20)
+    state, steps = first.take.state, len(first.take)
+    first.close()
+    second = make_work()
+    (path,) = left_in(second.logs.folder / DRAFTS)
+    second.resume(read_draft(path))
+    assert second.take.state.tobytes() == state.tobytes()
+    assert len(second.take) == steps
+    assert second.gripper_closes
+    assert move(second, 1) == [True]
+
+
+def test_an_interrupted_episode_of_another_task_is_refused(make_work):
+    first = make_work()
+    move(first, 8)
+    first.close()
+    other = make_work(randomness="med")
+    (path,) = left_in(other.logs.folder / DRAFTS)
+    with pytest.raises(UnusableDraft, match="is of one_leg at low randomness"):
+        other.resume(read_draft(path))
