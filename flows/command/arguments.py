@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -58,5 +59,20 @@ ShiftKind = Annotated[
         metavar="KIND",
         help="In what the scenes differ from training: outside, push, friction, light or camera; or that with "
         "settings, e.g. '{kind: push, force_n: 5}'.",
+    ),
+]
+LabelsFile = Annotated[
+    Path, typer.Argument(metavar="FILE", help="Labels file, CSV, JSON lines (.jsonl) or YAML by its ending.")
+]
+Numbered = Annotated[
+    Path | None,
+    typer.Option("--numbered", help="Labels file of an earlier juicer, whose numbers are those of the episodes."),
+]
+ImportAs = Annotated[
+    str | None,
+    typer.Option(
+        "--import-as",
+        metavar="NAME",
+        help="Read the file instead: what it says of these episodes becomes what this person said.",
     ),
 ]

@@ -6,8 +6,9 @@ steps of the episode. They are read for no other purpose than to be rewritten.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -25,6 +26,12 @@ from juicer.episode import DemonstrationReader
 from juicer.errors import InvalidLabels
 from juicer.storage.annotations import Annotation
 from juicer.text import printable
+
+_WRITERS: Mapping[str, Callable[[Any], str]] = {
+    ".csv": lambda table: str(table.to_csv(index=False)),
+    ".jsonl": lambda table: str(table.to_json(orient="records", lines=True)),
+    **dict.fromkeys((".yaml", ".yml"), lambda table: yaml.safe_dump(table.to_dict("records"), sort_keys=False)),
+}
 
 
 def read_numbered_labels(path: Path, demonstrations: DemonstrationReader) -> list[Label]:
@@ -67,7 +74,7 @@ def labels_of(annotations: Iterable[Annotation], demonstrations: DemonstrationRe
 
 
 def write_labels(path: Path, labels: Iterable[Label]) -> None:
-    """Write a labels file, YAML or CSV by its ending; one that is there stays as it is.
+    """Write a labels file, of the format that its ending names; one that is there stays as it is.
 
     Raises:
         InvalidLabels: If the name has another ending, the file exists, or it cannot be written.
@@ -76,8 +83,7 @@ def write_labels(path: Path, labels: Iterable[Label]) -> None:
 
     reader_of(path)
     table = pd.DataFrame([(label.recording, label.step, label.critical_state) for label in labels], columns=COLUMNS)
-    is_csv = path.suffix == ".csv"
-    text = table.to_csv(index=False) if is_csv else yaml.safe_dump(table.to_dict("records"), sort_keys=False)
+    text = _WRITERS[path.suffix](table)
     draft = path.with_name(f".{path.name}.draft")
     try:
         if path.exists():
