@@ -1,0 +1,103 @@
+"""The web application: every page, what a browser may do with it, and what is said when something is wrong."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.staticfiles import StaticFiles
+
+from juicer.errors import ArtifactNotFound, ConfigError, InvalidLabels, JuicerError, StoreNotWritable, WrongArtifactKind
+from juicer.pages.browsing.routes import router as browsing
+from juicer.pages.limits import BodyLimit
+from juicer.pages.rendering import page
+from juicer.pages.workplace import Workplace
+from juicer.text import printable
+
+if TYPE_CHECKING:
+    from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+AREAS = (
+    browsing,
+)  # fmt: skip
+
+STATIC = Path(__file__).with_name("static")
+
+CONTENT_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
+    "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+"""What a browser lets a page do: nothing that this server does not send as a file of its own."""
+
+_STATUS = {ArtifactNotFound: 404, WrongArtifactKind: 404, ConfigError: 400, InvalidLabels: 400, StoreNotWritable: 507}
+_OTHERWISE = 409
+
+logger = logging.getLogger(__name__)
+
+
+def create_application(workplace: Workplace) -> FastAPI:
+    """Every page; whoever serves it puts :class:`~juicer.pages.access.Access` and a check of host names in front."""
+    application = FastAPI(title="juicer", docs_url=None, redoc_url=None, openapi_url=None)
+    application.state.workplace = workplace
+    for area in AREAS:
+        application.include_router(area)
+    application.mount("/static", StaticFiles(directory=STATIC))
+    application.add_exception_handler(JuicerError, _mistake)
+    application.add_exception_handler(HTTPException, _refusal)
+    application.add_exception_handler(RequestValidationError, _invalid)
+    application.add_exception_handler(Exception, _defect)
+    application.add_middleware(BodyLimit)
+    application.add_middleware(_Policy)
+    return application
+
+
+class _Policy:
+    """ASGI application that adds the content policy to every answer."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def sending(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = [*message.get("headers", ()), (b"content-security-policy", CONTENT_POLICY.encode())]
+                message = {**message, "headers": headers}
+            await send(message)
+
+        await self._app(scope, receive, sending)
+
+
+def _mistake(request: Request, error: Exception) -> Response:
+    status = next((code for kind, code in _STATUS.items() if isinstance(error, kind)), _OTHERWISE)
+    return _answer(request, str(error), status)
+
+
+def _refusal(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    if error.status_code == 404 and error.detail == "Not Found":
+        return _answer(request, f"there is no page '{printable(request.url.path)}'", 404)
+    return _answer(request, str(error.detail), error.status_code)
+
+
+def _invalid(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    first = error.errors()[0]
+    name = ".".join(map(str, first["loc"][1:])) or "the request"
+    return _answer(request, f"'{printable(name)}' is not valid: {printable(first['msg'])}", 400)
+
+
+def _defect(request: Request, error: Exception) -> Response:
+    return _answer(request, "this page failed, which is a defect of juicer; the terminal that serves it says more", 500)
+
+
+def _answer(request: Request, sentence: str, status: int) -> Response:
+    """The sentence as a page for people, and as JSON for scripts."""
+    if "text/html" in request.headers.get("accept", ""):
+        return page(request, "sentence.html", status, sentence=sentence)
+    return JSONResponse({"error": printable(sentence, 10_000)}, status)
