@@ -10,7 +10,7 @@ from typing import Any
 
 from juicer.annotation.annotate import annotate as annotate_demonstrations
 from juicer.annotation.labels import Label, read_labels
-from juicer.annotation.measures import measure
+from juicer.annotation.measures import PEOPLE, measure
 from juicer.annotation.propose import AnnotationConfig
 from juicer.annotation.standing import agreed_labels
 from juicer.annotation.versions import is_versions, read_versions
@@ -19,9 +19,6 @@ from juicer.storage.annotations import write_annotations
 from juicer.storage.episodes import EpisodeReader
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
-
-PEOPLE = "people"
-"""Fact of the summary that holds what annotating cost, and how far it can be trusted."""
 
 
 @stage(

@@ -55,7 +55,13 @@ def _annotated(store: ArtifactStore, ref: ArtifactRef, folder: Path) -> list[Lab
     if ref.kind == "episodes":
         reader, task = _episodes(store, str(ref))
         path = versions_path(folder, task)
-        return [label for label in agreed_labels(read_versions(path), path) if label.recording in reader.ids]
+        labels = [label for label in agreed_labels(read_versions(path), path) if label.recording in reader.ids]
+        if not labels:
+            raise ConfigError(
+                f"nobody has marked a critical state of {ref} on the page that `juicer pages` serves; "
+                "what was proposed is in annotations, see `juicer ls annotations`"
+            )
+        return labels
     if ref.kind != "annotations":
         raise WrongArtifactKind(f"{ref} holds no critical states; see `juicer ls annotations` and `juicer ls episodes`")
     (episodes,) = store.manifest(ref).recipe.inputs["episodes"]

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
 
 from juicer.annotation.annotate import labelled
 from juicer.annotation.labels import Label
 from juicer.annotation.standing import standing
 from juicer.annotation.versions import Entry, Version, read_versions, save
 from juicer.episode import DemonstrationReader
+from juicer.errors import InvalidLabels
+from juicer.problems import first_problem
 from juicer.tasks.registry import get_task
 
 
@@ -41,15 +46,14 @@ def import_labels(
             step = episode.recorded_step(row.step)
             if known and any((each.author, each.step) == (author, step) for each in known.opinions):
                 continue
-            entries.append(
-                Entry(
-                    episode=row.episode_id,
-                    critical_state=row.critical_state,
-                    step=step,
-                    after=known.newest if known else 0,
-                    author=author,
-                    tool=tool,
-                    time=time,
-                )
-            )
+            said = {"episode": row.episode_id, "critical_state": row.critical_state, "step": step}
+            after = known.newest if known else 0
+            entries.append(_entry({**said, "after": after, "author": author, "tool": tool, "time": time}))
     return save(path, entries) if entries else []
+
+
+def _entry(content: Mapping[str, Any]) -> Entry:
+    try:
+        return Entry.model_validate(content)
+    except ValidationError as error:
+        raise InvalidLabels(first_problem(error, content, Entry).sentence) from None

@@ -124,7 +124,7 @@ def reader_of(path: Path) -> Any:
     """
     readers = {".csv": _read_csv, ".yaml": _read_yaml, ".yml": _read_yaml, ".jsonl": _read_json_lines}
     if path.suffix not in readers:
-        raise InvalidLabels(f"labels file '{printable(path)}' must end in .csv, .yaml, .yml or .jsonl")
+        raise InvalidLabels(f"labels file '{printable(path)}' must end in .csv, .jsonl, .yaml or .yml")
     return readers[path.suffix]
 
 

@@ -10,6 +10,9 @@ from statistics import fmean, median
 from juicer.annotation.standing import SAME_STEPS, standing
 from juicer.annotation.versions import Key, Version
 
+PEOPLE = "people"
+"""Fact of an annotation's summary that holds its measures."""
+
 
 @dataclass(frozen=True)
 class Measures:

@@ -79,11 +79,8 @@ def write_labels(path: Path, labels: Iterable[Label]) -> None:
     Raises:
         InvalidLabels: If the name has another ending, the file exists, or it cannot be written.
     """
-    import pandas as pd  # takes half a second
-
     reader_of(path)
-    table = pd.DataFrame([(label.recording, label.step, label.critical_state) for label in labels], columns=COLUMNS)
-    text = _WRITERS[path.suffix](table)
+    text = text_of(labels, path.suffix)
     draft = path.with_name(f".{path.name}.draft")
     try:
         if path.exists():
@@ -94,3 +91,16 @@ def write_labels(path: Path, labels: Iterable[Label]) -> None:
         raise InvalidLabels(f"labels file '{printable(path)}' cannot be written: {error.strerror or error}") from None
     finally:
         draft.unlink(missing_ok=True)
+
+
+def text_of(labels: Iterable[Label], ending: str) -> str:
+    """Labels in the format of an ending, e.g. ``.csv``.
+
+    Raises:
+        InvalidLabels: If there is no such format.
+    """
+    import pandas as pd  # takes half a second
+
+    reader_of(Path(f"labels{ending}"))
+    rows = [(label.recording, label.step, label.critical_state) for label in labels]
+    return _WRITERS[ending](pd.DataFrame(rows, columns=COLUMNS))

@@ -18,7 +18,7 @@ from io import BufferedRandom
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 from pydantic_core import from_json
 
 from juicer.artifacts.integrity import sync
@@ -35,6 +35,15 @@ MOST_BYTES = 2**24
 
 _MOST_STEPS = 10**9
 
+
+def _can_be_shown(text: str) -> str:
+    if printable(text) != text or text != text.strip():
+        raise ValueError("must be plain text, without control characters or blanks around it")
+    return text
+
+
+PlainText = Annotated[str, AfterValidator(_can_be_shown)]
+Author = Annotated[PlainText, Field(min_length=1, max_length=100)]
 Step = Annotated[int, Field(ge=0, lt=_MOST_STEPS)]
 Key = tuple[str, int]
 """Episode and critical state."""
@@ -63,22 +72,15 @@ class Entry(StrictConfig):
     critical_state: int = Field(ge=0, lt=1000)
     step: Step | None
     after: int = Field(ge=0)
-    author: str = Field(min_length=1, max_length=100)
-    tool: str = Field(default="", max_length=100)
-    time: str = Field(default="", max_length=40)
+    author: Author
+    tool: PlainText = Field(default="", max_length=100)
+    time: PlainText = Field(default="", max_length=40)
     proposal: Step | None = None
     confidence: float | None = Field(default=None, ge=0, le=1)
     keys: int = Field(default=0, ge=0, le=100_000)
     seconds: float = Field(default=0, ge=0, le=100_000)
     settles: bool = False
     undoes: int | None = Field(default=None, gt=0)
-
-    @field_validator("author", "tool", "time")
-    @classmethod
-    def _can_be_shown(cls, text: str) -> str:
-        if printable(text) != text or text != text.strip():
-            raise ValueError("must be plain text, without control characters or blanks around it")
-        return text
 
     @model_validator(mode="after")
     def _marks_or_takes_back(self) -> Entry:
