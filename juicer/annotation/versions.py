@@ -218,10 +218,10 @@ def _parse(content: bytes, path: Path) -> tuple[list[Version], int]:
         where = f"{printable(path.name)}, line {number}"
         try:
             value = from_json(line, allow_inf_nan=False)
-        except ValueError as error:
+        except ValueError:
             if not line.endswith(b"\n"):
                 break
-            raise InvalidLabels(f"{where}: it is not JSON: {printable(error)}; {_remedy(path)}") from None
+            raise InvalidLabels(f"{where}: it is not JSON; {_remedy(path)}") from None
         versions.append(_version(value, number, where, path))
         whole += len(line)
     return versions, whole

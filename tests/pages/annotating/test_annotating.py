@@ -100,14 +100,17 @@ def test_fifty_proposals_are_judged_and_ten_wrong_ones_corrected(fill, served, b
     assert measures.keys == keys / 50 < 1.3
     assert measures.agreement == 42 / 50
     assert seconds < 120
-    assert measures.minutes * 60 <= seconds
+    assert measures.minutes < 2
     paper = PAPER_TABLE_IV["one_leg"]
-    print(f"\n{'':32}{'here':>8}{'paper':>8}")
-    print(f"{'demonstrations annotated':32}{measures.demonstrations:8}{50:8}")
-    print(f"{'minutes':32}{seconds / 60:8.2f}{paper.annotating_min:8}")
-    print(f"{'seconds a demonstration':32}{seconds / 50:8.2f}{paper.annotating_min * 60 / 50:8.0f}")
-    print(f"{'keys a demonstration':32}{measures.keys:8.2f}{'-':>8}")
-    print(f"{'proposals that were right':32}{measures.agreement:8.0%}{'-':>8}")
+    rows = (
+        ("", "here", "paper"),
+        ("demonstrations annotated", str(measures.demonstrations), "50"),
+        ("minutes", f"{seconds / 60:.2f}", str(paper.annotating_min)),
+        ("seconds a demonstration", f"{seconds / 50:.2f}", f"{paper.annotating_min * 60 / 50:.0f}"),
+        ("keys a demonstration", f"{measures.keys:.2f}", "-"),
+        ("proposals that were right", f"{measures.agreement:.0%}", "-"),
+    )
+    sys.stdout.write("\n" + "".join(f"{name:28}{here:>8}{there:>8}\n" for name, here, there in rows))
 
 
 def test_what_is_sure_is_accepted_together_after_a_sample_of_five(fill, served, browser, versions):

@@ -13,9 +13,12 @@ from PIL import Image
 from starlette.testclient import TestClient
 
 from juicer.annotation.versions import read_versions
+from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
 from juicer.pages.application import create_application
 from juicer.pages.workplace import Workplace
+from juicer.storage.annotations import Annotation, write_annotations
+from juicer.storage.episodes import write_episodes
 
 FIRST, SECOND = f"{0:016x}", f"{1:016x}"
 
@@ -164,6 +167,18 @@ def test_agreed_marks_leave_as_tables(client, address):
     assert client.get(f"{address}/labels.csv").text == f"recording,step,critical_state\n{FIRST},20,0\n"
     assert client.get(f"{address}/labels.jsonl").json() == {"recording": FIRST, "step": 20, "critical_state": 0}
     assert client.get(f"{address}/labels.exe").status_code == 400
+
+
+def test_every_critical_state_that_the_task_expects_is_listed_found_or_not(client, tmp_path, episode_factory):
+    store, episode = ArtifactStore(tmp_path / "data"), episode_factory(9, task="lamp", num_parts=3)
+    ingest = Recipe("ingest", "episodes", config={"task": "lamp"})
+    with store.create(ingest) as draft:
+        write_episodes(draft.path, [episode], {})
+    with store.create(Recipe("annotate", "annotations", inputs={"episodes": (ingest.ref,)})) as draft:
+        write_annotations(draft.path, [Annotation(episode.record.episode_id, 4, 2, "proposed", 0.5)])
+    (only,) = work(client, f"/annotate/{ingest.ref.id}")["episodes"]
+    assert [mark["proposal"] and mark["proposal"]["step"] for mark in only["marks"]] == [None, None, 4, None, None]
+    assert client.get(f"/annotate/{ingest.ref.id}").text.count("The last step at which") == 5
 
 
 def test_pages_show_what_is_there(client, address):

@@ -43,6 +43,7 @@ function show() {
 function trouble(sentence, again) {
   display.notice("trouble", sentence && `${sentence[0].toUpperCase()}${sentence.slice(1)}.`,
     again ? [{ words: "Try again", key: "Enter", action: again }] : []);
+  offer();
 }
 
 /** Ask for all that is needed to judge an entry, before it is its turn. */
@@ -67,7 +68,8 @@ function go(to) {
     say(`${setting.states[entry.state].name}, ${entry.episode.log}: ${proposal}`);
   } else say("nothing is left to judge");
   conflict();
-  draw();
+  offer();
+  show();
 }
 
 /** Show both marks if there are two of an entry, with what can be done. */
@@ -78,13 +80,14 @@ function conflict() {
   const choices = all.map((each, index) => ({
     words: `${each.author}: step ${each.step}`, key: String(index + 1), action: () => settle(each.step, true), look: () => move(each.step),
   }));
-  if (mine.length) choices.push({ words: "Save mine as well, and leave it open", key: String(all.length + 1), action: () => settle(entry.pending.step, false) });
+  const more = (words, action) => choices.push({ words, key: String(choices.length + 1), action });
+  more("The step shown below", () => settle(cursor, true));
+  if (mine.length) more("Save mine as well, and leave it open", () => settle(entry.pending.step, false));
   display.notice("conflict", "Two people marked this critical state differently. Which step is right? Until one is chosen, training uses the proposal.", choices);
   say("two people marked this critical state differently");
 }
 
 function settle(step, settles) {
-  effort.note();
   const settled = entry;
   save([settled], () => step, settles);
   go(queue.next(settled, which(), author()));
@@ -141,29 +144,30 @@ function accept(goOn) {
     element("author").focus();
     return;
   }
+  // Whoever goes on quickly must not decide by the way.
+  if (!element("conflict").hidden) return say("choose first which of the marks is right");
   trouble("");
   const accepted = entry;
   const agrees = accepted.proposal && Math.abs(cursor - accepted.proposal.step) <= setting.same;
   agreements = agrees ? agreements + 1 : 0;
   const wasSampled = accepted.sampled;
-  save([accepted], () => cursor, accepted.disputed);
+  save([accepted], () => cursor);
   accepted.cursor = null;
   if (wasSampled) judgeSample(agrees);
   const same = queue.entries.filter((each) => each.episode === accepted.episode && queue.isWanted(each, which(), author()));
   go(goOn ? queue.next(accepted, which(), author()) : same[0] ?? accepted);
-  offer();
 }
 
 /** Offer to accept the rest together, once a few proposals were right. */
 function offer() {
-  const sure = queue.sure(which(), author());
-  if (audit || agreements < AGREEMENTS_BEFORE_OFFER || sure.length <= SAMPLE) return display.notice("offer", "");
+  const sure = ["open", "mine"].includes(which()) ? queue.sure(which(), author()) : [];
+  const isBusy = audit || !element("conflict").hidden || !element("trouble").hidden;
+  if (isBusy || agreements < AGREEMENTS_BEFORE_OFFER || sure.length <= SAMPLE) return display.notice("offer", "");
   display.notice("offer", `${agreements} proposals in a row were right. The ${sure.length} that are left above ${SURE} can be accepted together, after you have seen ${SAMPLE} of them.`,
     [{ words: `Draw ${SAMPLE} at random, and accept the others if these are right`, key: "a", action: startAudit }]);
 }
 
 function startAudit() {
-  effort.note();
   const sure = queue.sure(which(), author());
   const sample = sampleOf(sure, SAMPLE);
   for (const each of sample) each.sampled = true;
@@ -209,7 +213,6 @@ async function undo() {
   }
   display.measured(server);
   go(undone[0]);
-  offer();
   say("undone");
 }
 
@@ -258,22 +261,23 @@ function pressed(event) {
   }
   const isTyping = event.target.matches("input, select, textarea");
   const isOperated = event.target.closest("button, a, summary") && (name === "Enter" || name === "Space");
-  if (isTyping || isOperated || (event.target === element("timeline") && name === "Space" && !entry)) return;
-  if (name === "Enter" && display.press("trouble", "Enter")) return event.preventDefault();
-  if (/^[1-9]$/.test(name) && letters() && display.press("conflict", name)) return event.preventDefault();
-  if (name === "Escape") return skip();
+  if (isTyping || isOperated) return;
   const action = actionOf(name, letters());
-  if (!action) return;
+  if (name === "Enter" && display.press("trouble", name)) return event.preventDefault();
+  const isChoice = /^[1-9]$/.test(name) && letters() && display.offers("conflict", name);
+  if (!action && !isChoice) return;
   event.preventDefault();
   if (action !== "help") effort.note();
-  ACTIONS[action]();
+  if (isChoice) display.press("conflict", name);
+  else ACTIONS[action]();
 }
 
 function listen() {
   document.addEventListener("keydown", pressed);
   for (const [id, action] of Object.entries({
     accept: "accept", earlier: "earlier", later: "later", "to-proposal": "to-proposal", undo: "undo", skip: "skip",
-  })) element(id).addEventListener("click", () => { effort.note(); ACTIONS[action](); });
+  })) element(id).addEventListener("click", ACTIONS[action]);
+  document.addEventListener("click", (event) => event.target.closest("button") && effort.note(), { capture: true });
   element("show-keys").addEventListener("click", ACTIONS.help);
   const timeline = element("timeline");
   const seek = (event) => entry && move(stepAt(timeline, entry.episode.steps, event.offsetX));

@@ -33,8 +33,9 @@ export class Display {
   show({ entry, cursor, queue, author, which, signals, audit }) {
     element("judging").hidden = !entry;
     element("nothing").hidden = Boolean(entry);
+    element("expected").hidden = !entry;
     const left = queue.wanted(which, author).length;
-    const failed = queue.entries.filter((each) => each.pending?.failed).length;
+    const failed = queue.entries.filter((each) => each.pending?.failed || each.pending?.refused).length;
     const marked = queue.entries.filter((each) => each.opinions.length || each.pending).length;
     element("progress").textContent = `${marked} of ${queue.entries.length} marked, ${left} to go`
       + (audit ? `; sample: ${audit.left} to go` : "") + (failed ? `; ${failed} not saved` : "");
@@ -58,7 +59,7 @@ export class Display {
   /** Words for what came of an entry so far. */
   #showState(entry, author) {
     const mine = own(entry, author);
-    const [words, kind] = entry.pending?.failed ? ["not saved", "bad"] : entry.disputed ? ["disputed", "bad"]
+    const [words, kind] = entry.pending?.failed || entry.pending?.refused ? ["not saved", "bad"] : entry.disputed ? ["disputed", "bad"]
       : entry.pending ? ["saving …", ""] : mine ? [`✓ you marked step ${mine.step}`, "good"]
       : entry.opinions.length ? [`✓ ${entry.opinions.at(-1).author} marked step ${entry.opinions.at(-1).step}`, "good"] : ["", ""];
     element("state").textContent = words;
@@ -84,6 +85,7 @@ export class Display {
   #marks(entry, author) {
     const marks = entry.opinions.filter((each) => each.step !== null)
       .map((each) => ({ step: each.step, words: each.author, kind: each.author === author ? "own" : "other", side: 1 }));
+    if (entry.pending) marks.push({ step: entry.pending.step, words: author, kind: "own", side: 1 });
     if (entry.proposal) marks.unshift({ step: entry.proposal.step, words: "proposal", kind: "proposal", side: -1 });
     return marks;
   }
@@ -132,7 +134,7 @@ export class Display {
       const mine = own(each, author) ?? each.opinions.at(-1);
       const step = each.pending?.step ?? mine?.step;
       const words = step === undefined ? made("span", { class: "bad" }, "○ missing")
-        : each.disputed ? made("span", { class: "bad" }, "≠ disputed") : made("span", { class: "good" }, `✓ step ${step}`);
+        : each.disputed || each.pending?.refused ? made("span", { class: "bad" }, "≠ disputed") : made("span", { class: "good" }, `✓ step ${step}`);
       return made("li", each === entry ? { "aria-current": "true" } : {}, made("span", {}, this.setting.states[each.state].name), words);
     });
     element("marks").replaceChildren(...rows);
@@ -153,12 +155,16 @@ export class Display {
     box.replaceChildren(made("p", {}, words), made("div", { class: "buttons" }, ...buttons));
   }
 
+  /** Whether a message is shown that has a key. */
+  offers(id, key) {
+    return !element(id).hidden && Boolean(this.choices.get(id)?.has(key));
+  }
+
   /** Do what a key does in a message; false if there is no such key. */
   press(id, key) {
-    const action = this.choices.get(id)?.get(key);
-    if (element(id).hidden || !action) return false;
-    action();
-    return true;
+    const offered = this.offers(id, key);
+    if (offered) this.choices.get(id).get(key)();
+    return offered;
   }
 
   progress(work) {

@@ -11,7 +11,7 @@ export const KEYS = [
   { action: "to-proposal", keys: ["p"], words: "back to the proposal" },
   { action: "mark", keys: ["Space"], words: "accept, and stay with this demonstration" },
   { action: "next-demonstration", keys: ["s"], words: "go on to the next demonstration" },
-  { action: "skip", keys: ["ArrowDown"], words: "leave it for later" },
+  { action: "skip", keys: ["ArrowDown", "Escape"], words: "leave it for later" },
   { action: "back", keys: ["ArrowUp"], words: "look at the one before" },
   { action: "undo", keys: ["Ctrl+z", "Backspace", "u"], words: "undo what was saved last" },
   { action: "accept-many", keys: ["a"], words: "accept all above 0.9, when this is offered" },

@@ -21,7 +21,7 @@ export class Queue {
 
   /** Whether an entry is among those that are to be shown. */
   isWanted(entry, which, author) {
-    if (entry.pending) return false;
+    if (entry.pending) return Boolean(entry.pending.refused);
     if (which === "all") return !entry.judged;
     if (which === "disputed") return entry.disputed;
     if (which === "mine") return !own(entry, author);

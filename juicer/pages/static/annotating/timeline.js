@@ -32,7 +32,7 @@ function textSize() {
 /** Draw it: `marks` are {step, words, kind} with kind "proposal", "other" or "own". */
 export function drawTimeline(canvas, episode, signals, state, cursor, marks) {
   const em = textSize();
-  const row = 2.5 * em;
+  const row = 2.2 * em;
   const top = 1.5 * em;
   const rows = signals ? tracks(signals, state) : [];
   const { context, height } = prepared(canvas, Math.round(top + 5 * row + 0.3 * em));
