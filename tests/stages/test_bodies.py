@@ -206,8 +206,8 @@ def test_a_run_uses_what_people_had_said_when_it_began(loop, tmp_path):
     assert annotations_of(session, config, loop.demonstrations) == before
     after = annotations_of(replace(session, held={}), config, loop.demonstrations)
     assert [read_annotations(loop.store.open(ref))[0].step for ref in (before, after)] == [5, 9]
+    missing = LoopConfig(labels=tmp_path / "missing.versions.jsonl")
     with pytest.raises(InvalidLabels, match="No such file"):
-        missing = LoopConfig(labels=tmp_path / "missing.versions.jsonl")
         annotations_of(session, missing, loop.demonstrations)
 
 
