@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field, field_validator
 
 from flows.conditions import Name
+from juicer.annotation.holding import hold
+from juicer.annotation.versions import is_versions
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.policy_rollout import MOST_SAMPLES, RolloutConfig
@@ -69,6 +71,16 @@ Analysis = SamplingAnalysis | ModesAnalysis | MonitorAnalysis
 AnyAnalysis = Annotated[Analysis, Field(discriminator="kind")]
 
 
+def annotations_of(session: Session, config: LoopConfig, demonstrations: ArtifactRef) -> ArtifactRef:
+    """Critical states of a loop's demonstrations; what people say of them is what they had said when the run began."""
+    labels = config.labels
+    if labels is not None and is_versions(labels):
+        if labels not in session.held:
+            session.held.setdefault(labels, hold(labels, session.store.cache / "labels" / "used"))
+        labels = session.held[labels]
+    return annotate(session, episodes=demonstrations, labels=labels, config=config.annotate)
+
+
 def analyse(
     session: Session,
     config: LoopConfig,
@@ -87,7 +99,7 @@ def analyse(
     """
     if isinstance(analysis, SamplingAnalysis):
         demonstrations = get_demonstrations()
-        annotations = annotate(session, episodes=demonstrations, labels=config.labels, config=config.annotate)
+        annotations = annotations_of(session, config, demonstrations)
         drawn = SamplingConfig.model_validate({**_section(analysis, SamplingSection), "task": config.task})
         return sampling(session, checkpoint=checkpoint, episodes=demonstrations, annotations=annotations, config=drawn)
     rollouts = config.evaluation.model_copy(update={"episodes": analysis.episodes or config.evaluation.episodes})

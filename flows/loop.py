@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from flows.analyses import analyse
+from flows.analyses import analyse, annotations_of
 from flows.conditions import Condition
 from flows.config import RunConfig
 from flows.loop_config import LoopConfig
@@ -21,7 +21,6 @@ from juicer.policy.config import PolicyConfig
 from juicer.policy.encoders.estimated.config import EstimatedConfig
 from juicer.policy.members import EncoderConfig
 from juicer.text import printable
-from stages.annotate import annotate
 from stages.augment import AugmentConfig, augment
 from stages.collect import collect
 from stages.correct import correct
@@ -330,7 +329,7 @@ def _data(
     data = _Data(config, session, demonstrations, gained=gained)
     if augmentation is None:
         return data
-    annotations = annotate(session, episodes=demonstrations, labels=config.labels, config=config.annotate)
+    annotations = annotations_of(session, config, demonstrations)
     # Drawn uniformly they are the same in every turn.
     rollouts = () if isinstance(augmentation.placement, UniformPlacement) else gained.rollouts
     corrective = augment(
@@ -345,6 +344,6 @@ def _estimators(data: _Data, encoder: EncoderConfig) -> tuple[ArtifactRef, ...]:
     if not isinstance(encoder, EstimatedConfig):
         return ()
     session, loop, demonstrations = data.session, data.loop, data.demonstrations
-    annotations = annotate(session, episodes=demonstrations, labels=loop.labels, config=loop.annotate)
+    annotations = annotations_of(session, loop, demonstrations)
     config = EstimateConfig(encoder=encoder)
     return (estimate(session, episodes=demonstrations, annotations=annotations, config=config),)

@@ -96,6 +96,14 @@ class InvalidLabels(JuicerError):
     """A file of critical states labelled by hand contradicts itself or the episodes."""
 
 
+class AnnotationConflict(JuicerError):
+    """Somebody annotated a critical state after it was last looked at."""
+
+
+class AnnotationsNotSaved(JuicerError):
+    """The disk refuses what somebody said about critical states."""
+
+
 class NothingLeft(JuicerError):
     """A stage has no data to work on: every log rejected, or no rollout succeeded."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -66,4 +67,19 @@ Episodes = Annotated[
 EpisodeName = Annotated[
     str,
     typer.Option("--episode", "-k", help="Which one: its number, counted from 0, its id, or the name of its log."),
+]
+LabelsFile = Annotated[
+    Path, typer.Argument(metavar="FILE", help="Labels file, CSV, JSON lines (.jsonl) or YAML by its ending.")
+]
+Numbered = Annotated[
+    Path | None,
+    typer.Option("--numbered", help="Labels file of an earlier juicer, whose numbers are those of the episodes."),
+]
+ImportAs = Annotated[
+    str | None,
+    typer.Option(
+        "--import-as",
+        metavar="NAME",
+        help="Read the file instead: what it says of these episodes becomes what this person said.",
+    ),
 ]

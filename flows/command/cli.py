@@ -19,6 +19,9 @@ from flows.command.arguments import (
     Configuration,
     EpisodeName,
     Episodes,
+    ImportAs,
+    LabelsFile,
+    Numbered,
     Overrides,
     Seeds,
     ShiftKind,
@@ -182,18 +185,14 @@ def lineage(artifact: ArtifactId, as_json: AsJson = False) -> None:
 
 
 @app.command()
-def labels(
-    artifact: ArtifactId,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Labels file to write, CSV or YAML by its ending.")],
-    numbered: Annotated[
-        Path | None,
-        typer.Option("--numbered", help="Labels file of an earlier juicer, whose numbers are those of the episodes."),
-    ] = None,
-) -> None:
-    """Write the critical states of annotations as a labels file, to correct them by hand."""
-    from flows.command.labels import write_labels_file
+def labels(artifact: ArtifactId, file: LabelsFile, numbered: Numbered = None, import_as: ImportAs = None) -> None:
+    """Write critical states as a labels file, to correct them by hand; or take such a file into what people said."""
+    from flows.command.labels import import_labels_file, write_labels_file
 
-    write_labels_file(artifact, file, numbered)
+    if import_as is None:
+        write_labels_file(artifact, file, numbered)
+    else:
+        import_labels_file(artifact, file, import_as)
 
 
 @app.command()

@@ -41,13 +41,7 @@ def annotate(
     if len(demonstrations) == 0:
         return
     task = demonstrations.records[0].task
-    by_episode: dict[int, list[Label]] = {}
-    for label in labels:
-        by_episode.setdefault(find_recording(label, demonstrations.records), []).append(label)
-    human = {
-        index: _labelled(demonstrations.read(index), found, len(critical_states(get_task(task), config)))
-        for index, found in by_episode.items()
-    }
+    human = labelled(demonstrations, labels, len(critical_states(get_task(task), config)))
 
     def work(env: AssemblyEnv, index: int) -> list[Annotation]:
         return _annotate_one(env, demonstrations.read(index), config, human.get(index, []))
@@ -58,11 +52,32 @@ def annotate(
             yield from annotations
 
 
+def labelled(
+    demonstrations: DemonstrationReader, labels: Iterable[Label], num_critical_states: int
+) -> dict[int, list[Annotation]]:
+    """What labels say, by the number of the demonstration.
+
+    Args:
+        demonstrations: Episodes of one task.
+        labels: What a human said, of steps of the recordings.
+        num_critical_states: How many the task has.
+
+    Raises:
+        InvalidLabels: If a label names a recording, step or critical state that is not there, or two say the same.
+    """
+    by_episode: dict[int, list[Label]] = {}
+    for label in labels:
+        by_episode.setdefault(find_recording(label, demonstrations.records), []).append(label)
+    return {
+        index: _labelled(demonstrations.read(index), found, num_critical_states) for index, found in by_episode.items()
+    }
+
+
 def _annotate_one(
-    env: AssemblyEnv, demonstration: Episode, config: AnnotationConfig, labelled: list[Annotation]
+    env: AssemblyEnv, demonstration: Episode, config: AnnotationConfig, said: list[Annotation]
 ) -> list[Annotation]:
-    known = {row.critical_state for row in labelled}
-    rows = list(labelled)
+    known = {row.critical_state for row in said}
+    rows = list(said)
     record = demonstration.record
     if record.outcome is Outcome.SUCCESS and len(known) < len(critical_states(env.task, config)):
         rows += [

@@ -1,14 +1,16 @@
-"""Critical states labelled by hand: a YAML or CSV file of recording, step and critical state.
+"""Critical states labelled by hand: a CSV, YAML or JSON lines file of recording, step and critical state.
 
-A CSV file has the header ``recording,step,critical_state``; a YAML file is a list of mappings with these keys. A
-recording is named by its episode id, the beginning of it, or the name of its log; the step is one of the recording,
-in which idle steps count: so a label means the same whatever else is ingested, and however.
+A CSV file has the header ``recording,step,critical_state``; a YAML file is a list of mappings with these keys, and in a
+file of JSON lines every line is one. A recording is named by its episode id, the beginning of it, or the name of its
+log; the step is one of the recording, in which idle steps count: so a label means the same whatever else is ingested,
+and however.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -57,7 +59,7 @@ class Label:
 
 
 def read_labels(path: Path) -> list[Label]:
-    """Read a labels file, YAML or CSV by its ending.
+    """Read a labels file, of the format that its ending names.
 
     Raises:
         InvalidLabels: If the file cannot be read or holds no label, a key is missing, unknown or there twice, a step or
@@ -120,9 +122,9 @@ def reader_of(path: Path) -> Any:
     Raises:
         InvalidLabels: If nothing does.
     """
-    readers = {".csv": _read_csv, ".yaml": _read_yaml, ".yml": _read_yaml}
+    readers = {".csv": _read_csv, ".yaml": _read_yaml, ".yml": _read_yaml, ".jsonl": _read_json_lines}
     if path.suffix not in readers:
-        raise InvalidLabels(f"labels file '{printable(path)}' must end in .csv, .yaml or .yml")
+        raise InvalidLabels(f"labels file '{printable(path)}' must end in .csv, .jsonl, .yaml or .yml")
     return readers[path.suffix]
 
 
@@ -189,6 +191,27 @@ def _read_yaml(text: str, name: str, expected: Sequence[str]) -> Iterator[Row]:
                 raise InvalidLabels(f"{name}, {where}: every value must be a text or a number, got {_shown(value)}")
         # Values as they are written: an id such as 1e10 is no number.
         yield where, [(_shown(key), value.value) for key, value in entry.value]
+
+
+def _read_json_lines(text: str, name: str, expected: Sequence[str]) -> Iterator[Row]:
+    for number, line in enumerate(text.split("\n"), start=1):
+        where = f"line {number}"
+        if not line.strip():
+            continue
+        try:
+            pairs = json.loads(line, object_pairs_hook=_Pairs, parse_int=str)
+        except (ValueError, RecursionError) as error:
+            raise InvalidLabels(f"{name}, {where}: it is not JSON: {printable(error)}") from None
+        if not isinstance(pairs, _Pairs):
+            raise InvalidLabels(f"{name}, {where}: expected the keys {', '.join(expected)}, got {printable(line)}")
+        for key, value in pairs:
+            if not isinstance(value, str | int) or isinstance(value, bool):
+                raise InvalidLabels(f"{name}, {where}: '{printable(key)}' must be a text or a whole number")
+        yield where, [(printable(key), str(value)) for key, value in pairs]
+
+
+class _Pairs(list[tuple[str, Any]]):
+    """Keys and values of a JSON object, also those that are there twice."""
 
 
 def _check_events(text: str, name: str) -> None:

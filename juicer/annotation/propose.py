@@ -129,7 +129,7 @@ def _propose_insertion(
     env: AssemblyEnv, demonstration: Episode, state: Insertion, config: AnnotationConfig
 ) -> tuple[int, float] | None:
     """Step, and how cleanly the part was inserted after it, between zero and one."""
-    relative, distance = _relative_poses(env, demonstration, state.pair)
+    relative, distance = relative_poses(env.task, demonstration, state.pair)
     away = np.flatnonzero(distance > config.neighbourhood_m)
     if len(away) == 0 or away[-1] + 1 >= len(demonstration):
         return None
@@ -164,11 +164,11 @@ def _last_clear_step(
     return None
 
 
-def _relative_poses(
-    env: AssemblyEnv, demonstration: Episode, pair_index: int
+def relative_poses(
+    task: AssemblyTask, demonstration: Episode, pair_index: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Poses ``(T + 1, 7)`` of the second part in the first's frame, and distances ``(T + 1,)`` from the target."""
-    pair = env.task.pairs[pair_index]
+    pair = task.pairs[pair_index]
     poses = np.concatenate([demonstration.steps["part_poses"], demonstration.final["part_poses"][None]])
     poses = np.asarray(poses, dtype=np.float64).reshape(len(poses), -1, 7)
     relative = np.asarray(relative_pose(poses[:, pair.first], poses[:, pair.second]), dtype=np.float64)

@@ -6,8 +6,9 @@ steps of the episode. They are read for no other purpose than to be rewritten.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -25,6 +26,12 @@ from juicer.episode import DemonstrationReader
 from juicer.errors import InvalidLabels
 from juicer.storage.annotations import Annotation
 from juicer.text import printable
+
+_WRITERS: Mapping[str, Callable[[Any], str]] = {
+    ".csv": lambda table: str(table.to_csv(index=False)),
+    ".jsonl": lambda table: str(table.to_json(orient="records", lines=True)),
+    **dict.fromkeys((".yaml", ".yml"), lambda table: yaml.safe_dump(table.to_dict("records"), sort_keys=False)),
+}
 
 
 def read_numbered_labels(path: Path, demonstrations: DemonstrationReader) -> list[Label]:
@@ -67,17 +74,13 @@ def labels_of(annotations: Iterable[Annotation], demonstrations: DemonstrationRe
 
 
 def write_labels(path: Path, labels: Iterable[Label]) -> None:
-    """Write a labels file, YAML or CSV by its ending; one that is there stays as it is.
+    """Write a labels file, of the format that its ending names; one that is there stays as it is.
 
     Raises:
         InvalidLabels: If the name has another ending, the file exists, or it cannot be written.
     """
-    import pandas as pd  # takes half a second
-
     reader_of(path)
-    table = pd.DataFrame([(label.recording, label.step, label.critical_state) for label in labels], columns=COLUMNS)
-    is_csv = path.suffix == ".csv"
-    text = table.to_csv(index=False) if is_csv else yaml.safe_dump(table.to_dict("records"), sort_keys=False)
+    text = text_of(labels, path.suffix)
     draft = path.with_name(f".{path.name}.draft")
     try:
         if path.exists():
@@ -88,3 +91,16 @@ def write_labels(path: Path, labels: Iterable[Label]) -> None:
         raise InvalidLabels(f"labels file '{printable(path)}' cannot be written: {error.strerror or error}") from None
     finally:
         draft.unlink(missing_ok=True)
+
+
+def text_of(labels: Iterable[Label], ending: str) -> str:
+    """Labels in the format of an ending, e.g. ``.csv``.
+
+    Raises:
+        InvalidLabels: If there is no such format.
+    """
+    import pandas as pd  # takes half a second
+
+    reader_of(Path(f"labels{ending}"))
+    rows = [(label.recording, label.step, label.critical_state) for label in labels]
+    return _WRITERS[ending](pd.DataFrame(rows, columns=COLUMNS))

@@ -13,7 +13,16 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.staticfiles import StaticFiles
 
-from juicer.errors import ArtifactNotFound, ConfigError, InvalidLabels, JuicerError, StoreNotWritable, WrongArtifactKind
+from juicer.errors import (
+    AnnotationsNotSaved,
+    ArtifactNotFound,
+    ConfigError,
+    InvalidLabels,
+    JuicerError,
+    StoreNotWritable,
+    WrongArtifactKind,
+)
+from juicer.pages.annotating.routes import router as annotating
 from juicer.pages.browsing.routes import router as browsing
 from juicer.pages.limits import BodyLimit
 from juicer.pages.rendering import page
@@ -27,6 +36,7 @@ if TYPE_CHECKING:
 AREAS = (
     browsing,
     teleoperating,
+    annotating,
 )  # fmt: skip
 
 STATIC = Path(__file__).with_name("static")
@@ -37,7 +47,14 @@ CONTENT_POLICY = (
 )
 """What a browser lets a page do: nothing that this server does not send as a file of its own."""
 
-_STATUS = {ArtifactNotFound: 404, WrongArtifactKind: 404, ConfigError: 400, InvalidLabels: 400, StoreNotWritable: 507}
+_STATUS = {
+    ArtifactNotFound: 404,
+    WrongArtifactKind: 404,
+    ConfigError: 400,
+    InvalidLabels: 400,
+    StoreNotWritable: 507,
+    AnnotationsNotSaved: 507,
+}
 _OTHERWISE = 409
 
 logger = logging.getLogger(__name__)

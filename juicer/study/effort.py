@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from statistics import fmean
+from typing import Any
 
+from juicer.annotation.measures import PEOPLE
 from juicer.artifacts.manifest import Manifest
 from juicer.demonstration.recording import minutes_of
 from juicer.reporting.paper import PAPER_TABLE_IV
@@ -32,11 +34,13 @@ def effort_section(studies: Sequence[TaskStudy]) -> Section | None:
         "Effort",
         "What it takes of a human",
         "Minutes are those of whoever holds the device: ten control steps a second of every recording and correction, "
-        f"also of those that failed, and {LABEL_S:.0f} s for each critical state, as the paper's annotators needed. "
+        "also of those that failed; what annotating took is measured on juicer's page, and of labels from elsewhere it "
+        f"is {LABEL_S:.0f} s for each critical state, as the paper's annotators needed. "
         "Where the operator is scripted and critical states are proposed, no person spent them. Corrections of a round "
         "in which none succeeded are not counted.",
         (
             Table(columns, demonstrations, "Demonstrations, as in the paper's Table IV, which is of 50"),
+            *_annotated(studies),
             *(_by_condition(study) for study in studies if study.measured),
         ),
     )
@@ -67,6 +71,44 @@ def _demonstrated(study: TaskStudy) -> Iterator[tuple[str, ...]]:
         )
 
 
+def _annotated(studies: Sequence[TaskStudy]) -> Iterator[Table]:
+    """What people did on the page, if anybody annotated there."""
+    columns = (
+        "task", "demonstrations", "annotators", "minutes", "minutes for 50", "seconds each", "keys each",
+        "agree with the proposal", "steps between annotators", "disputed", "paper: annotating 50, min",
+    )  # fmt: skip
+    rows = tuple(
+        _measured(study.task, each.summary[PEOPLE])
+        for study in studies
+        for each in study.behind
+        if each.recipe.stage == "annotate" and each.summary.get(PEOPLE)
+    )
+    if rows:
+        yield Table(columns, rows, "Annotation, as the page measured it")
+
+
+def _measured(task: str, people: Mapping[str, Any]) -> tuple[str, ...]:
+    """Of what nothing is known, such as the distance between annotators where there is one, nothing is said."""
+    paper = PAPER_TABLE_IV.get(task)
+
+    def shown(name: str, form: str, factor: float = 1) -> str:
+        return format(people[name] * factor, form) if name in people else "-"
+
+    return (
+        task,
+        shown("demonstrations", "d"),
+        shown("annotators", "d"),
+        shown("minutes", ".1f"),
+        shown("seconds", ".1f", 50 / 60),
+        shown("seconds", ".1f"),
+        shown("keys", ".2f"),
+        shown("agreement", ".0%"),
+        shown("steps_between_annotators", ".1f"),
+        shown("disputed", "d"),
+        str(paper.annotating_min) if paper else "-",
+    )
+
+
 def _by_condition(study: TaskStudy) -> Table:
     columns = ("condition", *(f"{name}, min" for name in MINUTES_OF.values()), "together, min", "points a minute")
     rows = tuple(_row(study, each) for each in study.measured.values())
@@ -92,6 +134,8 @@ def _spent(made_of: Iterable[Manifest]) -> dict[str, float]:
 def _minutes(manifest: Manifest) -> float:
     """Minutes of a human in what an artifact brings in."""
     summary = manifest.summary
+    if PEOPLE in summary:
+        return float(summary[PEOPLE]["minutes"])
     if manifest.recipe.stage == "annotate":
         return LABEL_S * int(summary["critical_states"]) / 60
     if manifest.recipe.stage == "correct":

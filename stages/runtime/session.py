@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Self
 
 from juicer.artifacts.recipe import Recipe
@@ -33,6 +34,7 @@ class Session:
         stop: Set when the user asked for an end.
         fresh: Ids made since the session began; they satisfy ``forced``.
         recipes: Of every artifact that was called for since the session began, made or not.
+        held: By files that people go on writing, the copies that the session works with from its first use to its end.
     """
 
     store: ArtifactStore
@@ -46,6 +48,7 @@ class Session:
     stop: threading.Event = field(default_factory=threading.Event)
     fresh: set[str] = field(default_factory=set)
     recipes: dict[ArtifactRef, Recipe] = field(default_factory=dict)
+    held: dict[Path, Path] = field(default_factory=dict)
 
     def perform(self, call: StageCall) -> ArtifactRef:
         """Have a stage call made."""

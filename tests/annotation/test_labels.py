@@ -31,7 +31,7 @@ def test_csv_and_yaml_say_the_same(tmp_path: Path):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("labels.txt", "", "must end in .csv, .yaml or .yml"),
+        ("labels.txt", "", "must end in .csv, .jsonl, .yaml or .yml"),
         (
             "labels.csv",
             "recording,step,critical_state\n3,here,0\n",

@@ -23,6 +23,27 @@ _BOMB = b"a: &a [1,1,1,1,1,1,1,1,1]\n" + b"".join(
 )
 
 HOSTILE_LABELS: Mapping[str, tuple[str, bytes, str]] = {
+    "lines empty": (".jsonl", b"", "holds no label"),
+    "lines text": (".jsonl", b"labels\n", "line 1: it is not JSON"),
+    "lines number": (".jsonl", b"3\n", "line 1: expected the keys"),
+    "lines list": (".jsonl", b'["recording"]\n', "line 1: expected the keys"),
+    "lines key missing": (".jsonl", b'\n{"recording": "3", "step": 4}\n', "line 2: 'critical_state' is missing"),
+    "lines key twice": (
+        ".jsonl",
+        b'{"recording": "3", "step": 4, "step": 5, "critical_state": 0}',
+        "'step' is there twice",
+    ),
+    "lines key unknown": (".jsonl", b'{"recording": "3", "step": 4, "critical_stat": 0}', "did you mean"),
+    "lines boolean": (".jsonl", b'{"recording": "3", "step": true, "critical_state": 0}', "'step' must be a text or"),
+    "lines fraction": (".jsonl", b'{"recording": "3", "step": 1.5, "critical_state": 0}', "'step' must be a text or"),
+    "lines object": (".jsonl", b'{"recording": {"a": 1}, "step": 1, "critical_state": 0}', "must be a text or"),
+    "lines 5000 digits": (
+        ".jsonl",
+        b'{"recording": "3", "step": ' + b"9" * 5000 + b', "critical_state": 0}',
+        "it has 5000 digits",
+    ),
+    "lines deep": (".jsonl", b"[" * DEEP, "it is not JSON"),
+    "lines null character": (".jsonl", b"\x00", "it is not JSON"),
     # What a table editor, or nobody, makes of it.
     "csv empty": (".csv", b"", "holds no label"),
     "csv blank lines": (".csv", b"\n\n \n", "holds no label"),

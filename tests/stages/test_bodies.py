@@ -11,9 +11,12 @@ import av
 import numpy as np
 import pytest
 
+from flows.analyses import annotations_of
 from flows.command.evaluated import evaluated_row, kept_episode, recomputed_episode
+from flows.loop_config import LoopConfig
 from flows.stopping import StopConfig, measure_alone
 from juicer.annotation.propose import AnnotationConfig
+from juicer.annotation.versions import Entry, save, versions_path
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
@@ -28,6 +31,7 @@ from juicer.errors import (
     ConfigError,
     EvaluationOnly,
     InvalidCheckpoint,
+    InvalidLabels,
     NothingLeft,
     RenderingUnavailable,
     StateMissing,
@@ -170,6 +174,41 @@ def test_labels_of_a_human_override(loop, tmp_path):
     first, second = read_annotations(loop.store.open(ref))
     assert (first.step, first.author, second.author) == (5, "human", "proposed")
     assert ref != loop.annotations
+
+
+def test_what_people_agree_on_overrides_and_what_it_took_is_told(loop, tmp_path):
+    reader = EpisodeReader(loop.store.open(loop.demonstrations))
+    first, second = reader.read(0), reader.read(1)
+    path = versions_path(tmp_path, "one_leg")
+    said = {"critical_state": 0, "keys": 2, "seconds": 3.0}
+    save(path, [Entry(episode=first.record.episode_id, step=first.recorded_step(5), after=0, author="Ada", **said)])
+    save(path, [Entry(episode=second.record.episode_id, step=second.recorded_step(5), after=0, author="Ada", **said)])
+    save(path, [Entry(episode=second.record.episode_id, step=second.recorded_step(50), after=2, author="Bob", **said)])
+    save(path, [Entry(episode="f" * 16, step=3, after=0, author="Bob", **said)])
+    ref = annotate(loop.session, episodes=loop.demonstrations, labels=path, config=AnnotationConfig())
+    rows = read_annotations(loop.store.open(ref))
+    assert [(row.author, row.step == 5) for row in rows] == [("human", True), ("proposed", False)]
+    people = summary(loop, ref)["people"]
+    assert (people["demonstrations"], people["disputed"], people["keys"], people["seconds"]) == (2, 1, 3.0, 4.5)
+    path.write_text(path.read_text() + "nonsense\n")
+    with pytest.raises(InvalidLabels, match="line 5: it is not JSON"):
+        annotate(loop.session, episodes=loop.demonstrations, labels=path, config=AnnotationConfig())
+
+
+def test_a_run_uses_what_people_had_said_when_it_began(loop, tmp_path):
+    first = EpisodeReader(loop.store.open(loop.demonstrations)).read(0)
+    path = versions_path(tmp_path, "one_leg")
+    said = {"episode": first.record.episode_id, "critical_state": 0, "author": "Ada"}
+    save(path, [Entry(**said, step=first.recorded_step(5), after=0)])
+    session, config = replace(loop.session, held={}), LoopConfig(labels=path)
+    before = annotations_of(session, config, loop.demonstrations)
+    save(path, [Entry(**said, step=first.recorded_step(9), after=1)])
+    assert annotations_of(session, config, loop.demonstrations) == before
+    after = annotations_of(replace(session, held={}), config, loop.demonstrations)
+    assert [read_annotations(loop.store.open(ref))[0].step for ref in (before, after)] == [5, 9]
+    missing = LoopConfig(labels=tmp_path / "missing.versions.jsonl")
+    with pytest.raises(InvalidLabels, match="No such file"):
+        annotations_of(session, missing, loop.demonstrations)
 
 
 def test_snippets_know_their_demonstration(loop):

@@ -48,3 +48,16 @@ def test_labels_and_corrections_count_and_success_is_divided_by_all(made):
 def test_policies_that_were_shown_nothing_have_no_such_section(made):
     made.evaluation("elsewhere", made.artifact("train", "checkpoint"))
     assert effort_section([made.study]) is None
+
+
+def test_what_the_page_measured_stands_beside_the_papers_minutes(made):
+    logs = demonstrated(made, operator_minutes=4.0)
+    people = {"demonstrations": 2, "annotators": 2, "minutes": 0.5, "seconds": 15.0, "keys": 1.5, "agreement": 0.5}
+    summary = {"critical_states": 2, "authors": {"human": 2}, "people": people | {"disputed": 0}}
+    labels = made.artifact("annotate", "annotations", inputs={"episodes": (logs,)}, summary=summary)
+    made.evaluation("ta", made.artifact("train", "checkpoint", inputs={"annotations": (labels,)}))
+    section = effort_section([made.study])
+    assert section is not None
+    _, measured, by_condition = section.tables
+    assert measured.rows == (("one_leg", "2", "2", "0.5", "12.5", "15.0", "1.50", "50%", "-", "0", "10"),)
+    assert by_condition.rows[0][2] == "0.5"

@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from flows.command.cli import call
+from juicer.annotation.labels import Label, read_labels
+from juicer.annotation.rewriting import write_labels
+from juicer.annotation.versions import read_versions, versions_path
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
@@ -62,7 +65,9 @@ def test_annotations_are_written_with_the_steps_of_the_recording(
     assert "cannot be written: No such file" in complaint(
         capsys, "labels", annotations.id, str(tmp_path / "a" / "b.csv")
     )
-    assert "must end in .csv, .yaml or .yml" in complaint(capsys, "labels", annotations.id, str(tmp_path / "a.txt"))
+    assert "must end in .csv, .jsonl, .yaml or .yml" in complaint(
+        capsys, "labels", annotations.id, str(tmp_path / "a.txt")
+    )
 
 
 def test_a_file_of_numbers_is_written_anew(
@@ -76,10 +81,36 @@ def test_a_file_of_numbers_is_written_anew(
     old.write_text("episode,step,critical_state\n0,3,0\n")
     assert call(["labels", episodes.id, str(new), "--numbered", str(old)]) == 0
     assert new.read_text() == f"recording,step,critical_state\n{demonstration.record.episode_id},7,0\n"
-    assert "holds no critical states" in complaint(capsys, "labels", episodes.id, str(tmp_path / "b.csv"))
+    assert "nobody has marked a critical state" in complaint(capsys, "labels", episodes.id, str(tmp_path / "b.csv"))
     assert "name those that the file numbers" in complaint(
         capsys, "labels", annotations.id, str(tmp_path / "b.csv"), "--numbered", str(old)
     )
+
+
+@pytest.mark.parametrize("ending", ["csv", "jsonl", "yaml"])
+def test_labels_go_in_as_what_somebody_said_and_come_out_again(
+    store: ArtifactStore,
+    episodes: ArtifactRef,
+    demonstration: Episode,
+    tmp_path: Path,
+    ending: str,
+    capsys: pytest.CaptureFixture[str],
+):
+    labels, out = tmp_path / f"in.{ending}", tmp_path / f"out.{ending}"
+    write_labels(labels, [Label("demo.npz", 7, 0, "here")])
+    for said in (1, 0):
+        assert call(["labels", episodes.id, str(labels), "--import-as", "Ada"]) == 0
+        assert f"one_leg.versions.jsonl: {said} critical states more" in capsys.readouterr().out
+    (version,) = read_versions(versions_path(tmp_path / "data", "one_leg"))
+    assert (version.episode, version.step, version.author) == (demonstration.record.episode_id, 7, "Ada")
+    assert call(["labels", episodes.id, str(out)]) == 0
+    (label,) = read_labels(out)
+    assert (label.recording, label.step, label.critical_state) == (demonstration.record.episode_id, 7, 0)
+    assert "must be plain text" in complaint(capsys, "labels", episodes.id, str(labels), "--import-as", "\x1b[31m")
+    labels.unlink()
+    write_labels(labels, [Label("nobody.npz", 7, 0, "here")])
+    told = complaint(capsys, "labels", episodes.id, str(labels), "--import-as", "Bob")
+    assert "no demonstration of a recording 'nobody.npz'" in told
 
 
 def test_an_episode_that_is_not_there_is_named(episodes: ArtifactRef, capsys: pytest.CaptureFixture[str]):

@@ -3,85 +3,23 @@
 from __future__ import annotations
 
 import json
-import shutil
-import subprocess
 import threading
-import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
-from websockets.sync.client import connect
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+from tests.browser import CHROMIUM, Browser
+
 NAMES = "MAP evil.example 127.0.0.1, MAP rebound.example 127.0.0.1"
 ATTACK = Path(__file__).with_name("attack.js")
-
-
-class Browser:
-    """One tab of Chromium, steered through its debugging socket."""
-
-    def __init__(self, profile: Path) -> None:
-        options = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
-        self.process = subprocess.Popen(
-            [
-                CHROMIUM,
-                *options,
-                "--remote-debugging-port=0",
-                f"--user-data-dir={profile}",
-                "--disable-popup-blocking",
-                f"--host-resolver-rules={NAMES}",
-                "about:blank",
-            ],
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for line in self.process.stderr:
-            if line.startswith("DevTools listening on "):
-                break
-        threading.Thread(target=self.process.stderr.read, daemon=True).start()
-        self._socket = connect(line.split()[-1], max_size=None, proxy=None, origin=None)
-        self._number = 0
-        target = self._call("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self._call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
-        self._call("Page.enable")
-
-    def _call(self, method, **parameters):
-        self._number += 1
-        message = {"id": self._number, "method": method, "params": parameters}
-        if not method.startswith("Target."):
-            message["sessionId"] = self._session
-        self._socket.send(json.dumps(message))
-        while True:
-            answer = json.loads(self._socket.recv(timeout=120))
-            if answer.get("id") == self._number:
-                assert "error" not in answer, answer
-                return answer["result"]
-
-    def open(self, url):
-        """Open a page as if its address had been typed."""
-        self._call("Page.navigate", url=url)
-        while self.run("document.readyState") != "complete":
-            time.sleep(0.1)
-
-    def run(self, script):
-        """Value of an expression in the page."""
-        done = self._call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
-        assert "exceptionDetails" not in done, done
-        return done["result"].get("value")
-
-    def close(self):
-        """End it."""
-        self._socket.close()
-        self.process.kill()
-        self.process.wait()
 
 
 @pytest.fixture
 def browser(tmp_path):
     if CHROMIUM is None:
         pytest.skip("there is no Chromium on this machine")
-    opened = Browser(tmp_path / "profile")
+    opened = Browser(tmp_path / "profile", ("--disable-popup-blocking", f"--host-resolver-rules={NAMES}"))
     yield opened
     opened.close()
 

@@ -1,0 +1,134 @@
+"""Addresses of the page on which critical states are marked."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+
+from juicer.annotation.measures import measure
+from juicer.annotation.rewriting import text_of
+from juicer.annotation.standing import SAME_STEPS, agreed_labels, standing
+from juicer.annotation.versions import Key, read_versions
+from juicer.errors import AnnotationConflict
+from juicer.pages.annotating.choosing import annotatable
+from juicer.pages.annotating.desk import Desk, desk_of
+from juicer.pages.annotating.explaining import explain
+from juicer.pages.annotating.saying import Marks, Undo, say, take_back
+from juicer.pages.annotating.sheets import HEIGHT, STEPS, VIEWS, WIDTH
+from juicer.pages.rendering import page
+from juicer.pages.workplace import TheWorkplace
+from juicer.reporting.paper import PAPER_TABLE_IV
+
+router = APIRouter(prefix="/annotate")
+
+_FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable"}
+"""An episode's id is a digest of its content."""
+_CONFLICT = 409
+
+
+@router.get("")
+def choose(request: Request, workplace: TheWorkplace) -> Response:
+    """Which demonstrations can be annotated, and how far each set is."""
+    return page(request, "annotate_choose.html", sets=annotatable(workplace))
+
+
+@router.get("/{name}")
+def annotate(request: Request, workplace: TheWorkplace, name: str) -> Response:
+    """The page for one set of demonstrations."""
+    ref, desk = desk_of(workplace, name)
+    setting = {
+        "address": f"/annotate/{ref.id}",
+        "states": [{"name": name, "definition": explain(desk.task, index)} for index, name in enumerate(desk.names)],
+        "sheet": {"width": WIDTH, "height": HEIGHT, "steps": STEPS, "views": list(VIEWS)},
+        "same": SAME_STEPS,
+        "paper": asdict(PAPER_TABLE_IV[desk.task.name]) if desk.task.name in PAPER_TABLE_IV else None,
+    }
+    return page(request, "annotate.html", ref=ref, task=desk.task.name, path=str(desk.path), setting=setting)
+
+
+@router.get("/{name}/work")
+def work(workplace: TheWorkplace, name: str) -> dict[str, Any]:
+    """What is to be judged, as far as it is known, and what judging took so far."""
+    _, desk = desk_of(workplace, name)
+    ready = desk.proposals is not None
+    return {
+        "ready": ready,
+        "proposed": desk.proposed,
+        "of": len(desk.reader),
+        "episodes": desk.work() if ready else [],
+        "measures": _measures(desk),
+    }
+
+
+@router.get("/{name}/measures")
+def measures(workplace: TheWorkplace, name: str) -> dict[str, Any]:
+    """What judging took so far."""
+    return _measures(desk_of(workplace, name)[1])
+
+
+@router.get("/{name}/labels.{ending}")
+def labels(workplace: TheWorkplace, name: str, ending: str) -> Response:
+    """What is agreed on, as a labels file."""
+    _, desk = desk_of(workplace, name)
+    agreed = agreed_labels(read_versions(desk.path), desk.path)
+    text = text_of([label for label in agreed if label.recording in desk.reader.ids], f".{ending}")
+    attachment = {"Content-Disposition": f'attachment; filename="{desk.task.name}.{ending}"'}
+    return Response(text, media_type="text/plain; charset=utf-8", headers=attachment)
+
+
+@router.get("/{name}/{episode}/signals")
+def signals(workplace: TheWorkplace, name: str, episode: str) -> JSONResponse:
+    """Signals of a demonstration, step by step."""
+    _, desk = desk_of(workplace, name)
+    return JSONResponse(desk.signals(episode), headers=_FOR_EVER)
+
+
+@router.get("/{name}/{episode}/{first}.jpg")
+def sheet(
+    workplace: TheWorkplace,
+    name: str,
+    episode: str,
+    first: int,
+    count: int = STEPS,
+    view: Annotated[list[str] | None, Query()] = None,
+) -> Response:
+    """Images of some steps: a column a step, a row a view."""
+    _, desk = desk_of(workplace, name)
+    return Response(desk.sheet(episode, first, count, view or VIEWS), media_type="image/jpeg", headers=_FOR_EVER)
+
+
+@router.post("/{name}/marks")
+def mark(workplace: TheWorkplace, name: str, said: Marks) -> Response:
+    """Save marks, all or none; gives what stands now, also if nothing was saved."""
+    _, desk = desk_of(workplace, name)
+    keys = [(each.episode, each.critical_state) for each in said.marks]
+    try:
+        say(desk, said)
+    except AnnotationConflict as error:
+        return JSONResponse({"error": str(error), "marks": _stands(desk, keys)}, _CONFLICT)
+    return JSONResponse({"marks": _stands(desk, keys)})
+
+
+@router.post("/{name}/undo")
+def undo(workplace: TheWorkplace, name: str, what: Undo) -> Response:
+    """Save that a mark is taken back."""
+    _, desk = desk_of(workplace, name)
+    keys = [(what.episode, what.critical_state)]
+    try:
+        take_back(desk, what)
+    except AnnotationConflict as error:
+        return JSONResponse({"error": str(error), "marks": _stands(desk, keys)}, _CONFLICT)
+    return JSONResponse({"marks": _stands(desk, keys)})
+
+
+def _measures(desk: Desk) -> dict[str, Any]:
+    return asdict(measure([version for version in read_versions(desk.path) if version.episode in desk.reader.ids]))
+
+
+def _stands(desk: Desk, keys: list[Key]) -> list[dict[str, Any]]:
+    stands, proposals = standing(read_versions(desk.path)), desk.proposals or {}
+    return [{"episode": key[0], **desk.mark(key, stands, proposals)} for key in keys]

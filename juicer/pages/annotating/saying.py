@@ -1,0 +1,102 @@
+"""What an annotator says on the page becomes versions on the disk."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from pydantic import Field
+
+from juicer import __version__
+from juicer.annotation.standing import standing
+from juicer.annotation.versions import Author, Entry, Version, read_versions, save
+from juicer.config import StrictConfig
+from juicer.errors import AnnotationConflict
+from juicer.pages.annotating.desk import Desk
+
+TOOL = f"juicer {__version__}, page"
+MOST_MARKS = 2000
+
+
+class Mark(StrictConfig):
+    """A critical state that somebody marks; the step is one of the episode, the rest as in :class:`Entry`."""
+
+    episode: str = Field(max_length=16)
+    critical_state: int = Field(ge=0, lt=1000)
+    step: int = Field(ge=0)
+    after: int = Field(ge=0)
+    keys: int = Field(default=0, ge=0, le=100_000)
+    seconds: float = Field(default=0, ge=0, le=100_000)
+    settles: bool = False
+
+
+class Marks(StrictConfig):
+    """Marks that are saved together, all or none."""
+
+    author: Author
+    marks: list[Mark] = Field(min_length=1, max_length=MOST_MARKS)
+
+
+class Undo(StrictConfig):
+    """Takes back what somebody said last of a critical state."""
+
+    author: Author
+    episode: str = Field(max_length=16)
+    critical_state: int = Field(ge=0, lt=1000)
+    after: int = Field(ge=0)
+    keys: int = Field(default=0, ge=0, le=100_000)
+    seconds: float = Field(default=0, ge=0, le=100_000)
+
+
+def say(desk: Desk, said: Marks) -> list[Version]:
+    """Save marks.
+
+    Raises:
+        AnnotationConflict: If there is a newer version of one than its author had seen.
+        AnnotationsNotSaved: If the disk refuses.
+        InvalidLabels: If the file of versions cannot be understood.
+        ArtifactError: If there is no such demonstration.
+        NothingLeft: If it has no such step or critical state.
+    """
+    return save(desk.path, [_entry(desk, said.author, mark) for mark in said.marks])
+
+
+def take_back(desk: Desk, undo: Undo) -> list[Version]:
+    """Save that somebody takes back what they said last.
+
+    Raises:
+        AnnotationConflict: If there is a newer version than its author had seen, or nothing of theirs stands.
+        AnnotationsNotSaved: If the disk refuses.
+        InvalidLabels: If the file of versions cannot be understood.
+    """
+    stand = standing(read_versions(desk.path)).get((undo.episode, undo.critical_state))
+    own = [version for version in stand.opinions if version.author == undo.author] if stand else []
+    if not own:
+        raise AnnotationConflict(f"nothing that {undo.author} said of it stands, so there is nothing to undo")
+    entry = Entry(
+        **undo.model_dump(exclude={"seconds"}),
+        seconds=round(undo.seconds, 2),
+        step=None,
+        undoes=own[0].version,
+        tool=TOOL,
+        time=_now(),
+    )
+    return save(desk.path, [entry])
+
+
+def _entry(desk: Desk, author: str, mark: Mark) -> Entry:
+    desk.check_critical_state(mark.critical_state)
+    proposal = (desk.proposals or {}).get((mark.episode, mark.critical_state))
+    return Entry(
+        **mark.model_dump(exclude={"step", "seconds"}),
+        step=desk.recorded_step(mark.episode, mark.step),
+        seconds=round(mark.seconds, 2),
+        author=author,
+        tool=TOOL,
+        time=_now(),
+        proposal=desk.recorded_step(mark.episode, proposal.step) if proposal else None,
+        confidence=proposal.confidence if proposal else None,
+    )
+
+
+def _now() -> str:
+    return datetime.now().astimezone().isoformat(timespec="seconds")

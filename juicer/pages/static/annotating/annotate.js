@@ -1,0 +1,336 @@
+// The page on which critical states are marked: what the keys do.
+
+import { Effort } from "./effort.js";
+import { KEYS, actionOf, nameOf, written } from "./keys.js";
+import { AGREEMENTS_BEFORE_OFFER, Queue, SAMPLE, SURE, own, sampleOf, startOf } from "./queue.js";
+import { Server } from "./server.js";
+import { Sheets } from "./sheets.js";
+import { stepAt } from "./timeline.js";
+import { Display, element, say } from "./display.js";
+
+const POLL_MS = 400;
+const AROUND = 5;
+const setting = JSON.parse(element("annotate").dataset.setting);
+const server = new Server(setting.address);
+const effort = new Effort();
+const signals = new Map();
+let redraw = 0;
+const sheets = new Sheets(setting.address, setting.sheet, (sheet) => {
+  if (sheet.failed) server.get("/work").catch((error) => trouble(error.message));
+  draw();
+});
+const display = new Display(setting, sheets);
+
+let queue = new Queue([]);
+let entry = null;
+let cursor = 0;
+let history = [];
+let agreements = 0;
+let audit = null;
+
+const author = () => element("author").value.trim();
+const which = () => element("which").value;
+const letters = () => element("letters").checked;
+
+function draw() {
+  if (!redraw) redraw = requestAnimationFrame(() => { redraw = 0; show(); });
+}
+
+function show() {
+  display.show({ entry, cursor, queue, author: author(), which: which(), signals: entry && signals.get(entry.episode.id), audit });
+}
+
+function trouble(sentence, again) {
+  display.notice("trouble", sentence && `${sentence[0].toUpperCase()}${sentence.slice(1)}.`,
+    again ? [{ words: "Try again", key: "Enter", action: again }] : []);
+  offer();
+}
+
+/** Ask for all that is needed to judge an entry, before it is its turn. */
+function prefetch(wanted) {
+  if (!wanted) return;
+  sheets.prefetch(wanted.episode, startOf(wanted, author()), AROUND);
+  const id = wanted.episode.id;
+  if (signals.has(id)) return;
+  signals.set(id, null);
+  server.get(`/${id}/signals`).then((found) => { signals.set(id, found); draw(); }, (error) => { signals.delete(id); trouble(error.message); });
+}
+
+function go(to) {
+  entry = to;
+  if (entry) {
+    cursor = startOf(entry, author());
+    prefetch(entry);
+    const second = queue.next(entry, which(), author());
+    prefetch(second);
+    if (second) prefetch(queue.next(second, which(), author()));
+    const proposal = entry.proposal ? `proposal at step ${entry.proposal.step}, confidence ${entry.proposal.confidence.toFixed(2)}` : "nothing was proposed";
+    say(`${setting.states[entry.state].name}, ${entry.episode.log}: ${proposal}`);
+  } else say("nothing is left to judge");
+  conflict();
+  offer();
+  show();
+}
+
+/** Show both marks if there are two of an entry, with what can be done. */
+function conflict() {
+  const mine = entry?.pending?.refused ? [{ author: `${author()} (not saved yet)`, step: entry.pending.step }] : [];
+  const all = entry ? [...entry.opinions, ...mine] : [];
+  if (!entry || !(entry.disputed || mine.length) || all.length < 2) return display.notice("conflict", "");
+  const choices = all.map((each, index) => ({
+    words: `${each.author}: step ${each.step}`, key: String(index + 1), action: () => settle(each.step, true), look: () => move(each.step),
+  }));
+  const more = (words, action) => choices.push({ words, key: String(choices.length + 1), action });
+  more("The step shown below", () => settle(cursor, true));
+  if (mine.length) more("Save mine as well, and leave it open", () => settle(entry.pending.step, false));
+  display.notice("conflict", "Two people marked this critical state differently. Which step is right? Until one is chosen, training uses the proposal.", choices);
+  say("two people marked this critical state differently");
+}
+
+function settle(step, settles) {
+  const settled = entry;
+  save([settled], () => step, settles);
+  go(queue.next(settled, which(), author()));
+}
+
+/** Save marks of entries; the page goes on meanwhile. */
+function save(entries, stepOf, settles = false) {
+  const { keys, seconds } = effort.take();
+  const name = author();
+  entries.forEach((each, index) => {
+    each.pending = { step: stepOf(each), settles, keys: index ? 0 : keys, seconds: index ? 0 : seconds };
+    each.judged = true;
+    each.sampled = false;
+  });
+  history.push(entries);
+  send(entries, name);
+}
+
+function send(entries, name) {
+  const body = () => ({
+    author: name,
+    marks: entries.map((each) => ({ episode: each.episode.id, critical_state: each.state, after: each.newest, ...told(each.pending) })),
+  });
+  server.tell("/marks", body).then(({ status, content }) => {
+    queue.update(content.marks);
+    if (status !== 409) for (const each of entries) each.pending = null;
+    const open = entries.find((each) => each.disputed || (status === 409 && isOvertaken(each, name)));
+    if (status === 409) for (const each of entries) each.pending = isOvertaken(each, name) ? { ...each.pending, refused: true } : null;
+    if (status === 409) history = history.filter((each) => each !== entries);
+    display.measured(server);
+    if (open && which() !== "disputed" || status === 409) go(open ?? entries[0]);
+    else say("saved");
+    draw();
+  }, (error) => {
+    for (const each of entries) each.pending = { ...each.pending, failed: true };
+    const lost = queue.entries.filter((each) => each.pending?.failed);
+    trouble(`${lost.length} not saved, but kept here: ${error.message}`, () => {
+      trouble("");
+      const failed = queue.entries.filter((each) => each.pending?.failed);
+      for (const each of failed) delete each.pending.failed;
+      if (failed.length) send(failed, name);
+    });
+    draw();
+  });
+}
+
+const told = ({ step, settles, keys, seconds }) => ({ step, settles, keys, seconds });
+const isOvertaken = (each, name) => each.opinions.some((other) => other.step !== each.pending?.step || other.author !== name);
+
+function accept(goOn) {
+  if (!entry) return;
+  if (!author()) {
+    trouble("say first who you are: what is saved names its author");
+    element("author").focus();
+    return;
+  }
+  // Whoever goes on quickly must not decide by the way.
+  if (!element("conflict").hidden) return say("choose first which of the marks is right");
+  trouble("");
+  const accepted = entry;
+  const agrees = accepted.proposal && Math.abs(cursor - accepted.proposal.step) <= setting.same;
+  agreements = agrees ? agreements + 1 : 0;
+  const wasSampled = accepted.sampled;
+  save([accepted], () => cursor);
+  accepted.cursor = null;
+  if (wasSampled) judgeSample(agrees);
+  const same = queue.entries.filter((each) => each.episode === accepted.episode && queue.isWanted(each, which(), author()));
+  go(goOn ? queue.next(accepted, which(), author()) : same[0] ?? accepted);
+}
+
+/** Offer to accept the rest together, once a few proposals were right. */
+function offer() {
+  const sure = ["open", "mine"].includes(which()) ? queue.sure(which(), author()) : [];
+  const isBusy = audit || !element("conflict").hidden || !element("trouble").hidden;
+  if (isBusy || agreements < AGREEMENTS_BEFORE_OFFER || sure.length <= SAMPLE) return display.notice("offer", "");
+  display.notice("offer", `${agreements} proposals in a row were right. The ${sure.length} that are left above ${SURE} can be accepted together, after you have seen ${SAMPLE} of them.`,
+    [{ words: `Draw ${SAMPLE} at random, and accept the others if these are right`, key: "a", action: startAudit }]);
+}
+
+function startAudit() {
+  const sure = queue.sure(which(), author());
+  const sample = sampleOf(sure, SAMPLE);
+  for (const each of sample) each.sampled = true;
+  audit = { left: sample.length, rest: sure.filter((each) => !each.sampled) };
+  display.notice("offer", "");
+  go(queue.next(null, which(), author()));
+}
+
+function judgeSample(agrees) {
+  audit.left -= 1;
+  if (!agrees) {
+    for (const each of queue.entries) each.sampled = false;
+    audit = null;
+    agreements = 0;
+    trouble("one of the sample was wrong, so the others are shown one by one");
+  } else if (audit.left === 0) {
+    const rest = audit.rest.filter((each) => queue.isWanted(each, which(), author()));
+    audit = null;
+    agreements = 0;
+    if (rest.length) save(rest, (each) => each.proposal.step);
+    say(`${rest.length} accepted together`);
+  }
+}
+
+async function undo() {
+  const undone = history.pop() ?? (entry && own(entry, author()) ? [entry] : []);
+  if (!undone.length) return say("there is nothing to undo");
+  const cost = effort.take();
+  agreements = 0;
+  for (const each of undone) {
+    each.judged = false;
+    if (each.pending?.failed) { each.cursor = each.pending.step; each.pending = null; continue; }
+    const body = () => ({ author: author(), episode: each.episode.id, critical_state: each.state, after: each.newest, ...cost });
+    try {
+      const { status, content } = await server.tell("/undo", body);
+      queue.update(content.marks);
+      if (status === 409) trouble(content.error);
+    } catch (error) {
+      history.push(undone);
+      return trouble(`not undone: ${error.message}`);
+    }
+    Object.assign(cost, { keys: 0, seconds: 0 });
+  }
+  display.measured(server);
+  go(undone[0]);
+  say("undone");
+}
+
+function move(to) {
+  if (!entry) return;
+  cursor = Math.max(0, Math.min(entry.episode.steps - 1, to));
+  entry.cursor = cursor;
+  sheets.prefetch(entry.episode, cursor, AROUND);
+  draw();
+}
+
+function skip() {
+  if (entry) go(queue.next(entry, which(), author()) ?? entry);
+}
+
+function nextDemonstration() {
+  if (!entry) return;
+  const last = queue.entries.filter((each) => each.episode === entry.episode).at(-1);
+  go(queue.next(last, which(), author()) ?? entry);
+}
+
+const ACTIONS = {
+  accept: () => accept(true),
+  mark: () => accept(false),
+  earlier: () => move(cursor - 1),
+  later: () => move(cursor + 1),
+  "much-earlier": () => move(cursor - 10),
+  "much-later": () => move(cursor + 10),
+  first: () => move(0),
+  last: () => move(Infinity),
+  "to-proposal": () => entry?.proposal && move(entry.proposal.step),
+  "next-demonstration": nextDemonstration,
+  skip,
+  back: () => entry && go(queue.entries.at(queue.entries.indexOf(entry) - 1)),
+  undo,
+  "accept-many": () => display.press("offer", "a"),
+  help: () => element("keys").showModal(),
+};
+
+function pressed(event) {
+  const name = nameOf(event);
+  const dialog = element("keys");
+  if (dialog.open) {
+    if (name === "?") dialog.close();
+    return;
+  }
+  const isTyping = event.target.matches("input, select, textarea");
+  const isOperated = event.target.closest("button, a, summary") && (name === "Enter" || name === "Space");
+  if (isTyping || isOperated) return;
+  const action = actionOf(name, letters());
+  if (name === "Enter" && display.press("trouble", name)) return event.preventDefault();
+  const isChoice = /^[1-9]$/.test(name) && letters() && display.offers("conflict", name);
+  if (!action && !isChoice) return;
+  event.preventDefault();
+  if (action !== "help") effort.note();
+  if (isChoice) display.press("conflict", name);
+  else ACTIONS[action]();
+}
+
+function listen() {
+  document.addEventListener("keydown", pressed);
+  for (const [id, action] of Object.entries({
+    accept: "accept", earlier: "earlier", later: "later", "to-proposal": "to-proposal", undo: "undo", skip: "skip",
+  })) element(id).addEventListener("click", ACTIONS[action]);
+  document.addEventListener("click", (event) => event.target.closest("button") && effort.note(), { capture: true });
+  element("show-keys").addEventListener("click", ACTIONS.help);
+  const timeline = element("timeline");
+  const seek = (event) => entry && move(stepAt(timeline, entry.episode.steps, event.offsetX));
+  timeline.addEventListener("pointerdown", (event) => { effort.note(); timeline.setPointerCapture(event.pointerId); seek(event); });
+  timeline.addEventListener("pointermove", (event) => event.buttons && seek(event));
+  element("film").addEventListener("click", (event) => { effort.note(); move(cursor + display.tileAt(event.offsetX)); });
+  for (const id of ["author", "which", "letters"]) remember(id);
+  element("which").addEventListener("change", () => { for (const each of queue.entries) each.judged = false; go(queue.next(null, which(), author())); });
+  element("author").addEventListener("change", () => { trouble(""); go(queue.next(null, which(), author())); });
+  element("author").addEventListener("keydown", (event) => event.key === "Enter" && element("timeline").focus());
+  addEventListener("resize", draw);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+  addEventListener("beforeunload", (event) => (server.waiting || queue.entries.some((each) => each.pending)) && event.preventDefault());
+  document.addEventListener("visibilitychange", () => !document.hidden && entry && refresh());
+}
+
+/** What was chosen on this page is chosen when it is opened again. */
+function remember(id) {
+  const input = element(id);
+  const key = `annotate-${id}`;
+  const kept = localStorage.getItem(key);
+  if (input.type === "checkbox") input.checked = kept !== "false";
+  else if (kept !== null) input.value = kept;
+  input.addEventListener("change", () => localStorage.setItem(key, input.type === "checkbox" ? input.checked : input.value));
+}
+
+/** Take over what others have said meanwhile. */
+async function refresh() {
+  try {
+    const work = await server.get("/work");
+    queue.update(work.episodes.flatMap((episode) => episode.marks.map((mark) => ({ episode: episode.id, ...mark }))));
+    draw();
+  } catch (error) {
+    trouble(error.message);
+  }
+}
+
+async function start() {
+  for (;;) {
+    const work = await server.get("/work");
+    display.progress(work);
+    if (work.ready) {
+      queue = new Queue(work.episodes);
+      display.measures(work.measures);
+      display.examples(queue.entries);
+      go(queue.next(null, which(), author()));
+      element(author() ? "timeline" : "author").focus();
+      return;
+    }
+    await new Promise((resolve) => setTimeout(resolve, POLL_MS));
+  }
+}
+
+element("key-list").replaceChildren(...KEYS.map(({ keys, words }) => display.keyRow(keys.map(written), words)));
+listen();
+start().catch((error) => trouble(error.message));

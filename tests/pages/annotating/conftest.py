@@ -1,0 +1,54 @@
+"""Demonstrations to annotate, with what was proposed for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from juicer.annotation.versions import versions_path
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.episode import Episode
+from juicer.storage.annotations import Annotation, write_annotations
+from juicer.storage.episodes import write_episodes
+
+RIGHT_STEP = 20
+
+Fill = Callable[..., ArtifactRef]
+
+
+@pytest.fixture
+def fill(tmp_path: Path, insertions: list[Episode]) -> Fill:
+    """Fills a store with demonstrations; by the difference of each one's proposal from the right step."""
+
+    def fill(off: Sequence[int]) -> ArtifactRef:
+        store = ArtifactStore(tmp_path / "data")
+        episodes = []
+        for number in range(len(off)):
+            episode = insertions[number % len(insertions)]
+            record = replace(episode.record, episode_id=f"{number:016x}", log=f"demo_{number}.npz")
+            episodes.append(replace(episode, record=record))
+        ingest = Recipe("ingest", "episodes", config={"task": "one_leg"})
+        with store.create(ingest) as draft:
+            write_episodes(draft.path, episodes, {})
+            draft.summary["episodes"] = len(episodes)
+        annotate = Recipe("annotate", "annotations", inputs={"episodes": (ingest.ref,)})
+        with store.create(annotate) as draft:
+            write_annotations(draft.path, [_proposed(each, steps) for each, steps in zip(episodes, off, strict=True)])
+        return ingest.ref
+
+    return fill
+
+
+@pytest.fixture
+def versions(tmp_path: Path) -> Path:
+    """Where what is said is kept."""
+    return versions_path(tmp_path / "data", "one_leg")
+
+
+def _proposed(episode: Episode, off: int) -> Annotation:
+    return Annotation(episode.record.episode_id, RIGHT_STEP + off, 0, "proposed", 0.4 if off else 0.95)

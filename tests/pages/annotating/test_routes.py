@@ -1,0 +1,191 @@
+"""What the annotation page asks of the server, and what it is told when something is wrong."""
+
+from __future__ import annotations
+
+import io
+import shutil
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from starlette.testclient import TestClient
+
+from juicer.annotation.versions import read_versions
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.store import ArtifactStore
+from juicer.pages.application import create_application
+from juicer.pages.workplace import Workplace
+from juicer.storage.annotations import Annotation, write_annotations
+from juicer.storage.episodes import write_episodes
+
+FIRST, SECOND = f"{0:016x}", f"{1:016x}"
+
+
+@pytest.fixture
+def client(tmp_path: Path) -> TestClient:
+    return TestClient(create_application(Workplace(ArtifactStore(tmp_path / "data"), tmp_path / "data")))
+
+
+@pytest.fixture
+def address(fill) -> str:
+    return f"/annotate/{fill([0, 3]).id}"
+
+
+def work(client: TestClient, address: str):
+    for _ in range(200):
+        answer = client.get(f"{address}/work").json()
+        if answer["ready"]:
+            return answer
+        time.sleep(0.05)
+    raise AssertionError("proposals do not arrive")
+
+
+def mark(client: TestClient, address: str, step: int, author: str = "Ada", after: int = 0, **more):
+    marks = [{"episode": FIRST, "critical_state": 0, "step": step, "after": after, **more}]
+    return client.post(f"{address}/marks", json={"author": author, "marks": marks})
+
+
+def test_demonstrations_in_doubt_come_first(client, address):
+    episodes = work(client, address)["episodes"]
+    assert [each["id"] for each in episodes] == [SECOND, FIRST]
+    assert episodes[0]["marks"][0]["proposal"] == {"step": 23, "confidence": 0.4}
+
+
+def test_what_is_saved_names_its_author_and_the_proposal_that_it_answers(client, address, versions):
+    work(client, address)
+    answer = mark(client, address, 21, keys=2, seconds=1.5)
+    assert answer.json()["marks"][0]["opinions"] == [{"author": "Ada", "step": 21, "version": 1}]
+    (version,) = read_versions(versions)
+    assert (version.author, version.step, version.proposal, version.confidence) == ("Ada", 21, 20, 0.95)
+    assert (version.keys, version.seconds) == (2, 1.5)
+    assert client.get(f"{address}/measures").json()["agreement"] == 1.0
+
+
+def test_second_of_two_pages_is_shown_both_marks_and_overwrites_nothing(client, address, versions):
+    mark(client, address, 20)
+    late = mark(client, address, 25, "Bob")
+    assert late.status_code == 409
+    assert "meanwhile by Ada" in late.json()["error"]
+    assert late.json()["marks"][0]["opinions"][0]["step"] == 20
+    assert len(read_versions(versions)) == 1
+    both = mark(client, address, 25, "Bob", after=1).json()["marks"][0]
+    assert both["disputed"]
+    assert both["agreed"] is None
+    settled = mark(client, address, 20, "Bob", after=2, settles=True).json()["marks"][0]
+    assert (settled["disputed"], settled["agreed"]) == (False, 20)
+
+
+def test_undoing_takes_back_ones_own_mark_only(client, address):
+    mark(client, address, 20)
+    undo = {"author": "Bob", "episode": FIRST, "critical_state": 0, "after": 1}
+    assert client.post(f"{address}/undo", json=undo).status_code == 409
+    answer = client.post(f"{address}/undo", json={**undo, "author": "Ada"}).json()
+    assert answer["marks"][0]["opinions"] == []
+    assert answer["marks"][0]["newest"] == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "status", "sentence"),
+    [
+        ({"episode": "nobody"}, 409, "holds no episode nobody"),
+        ({"critical_state": 1}, 409, "one_leg has 1 critical states"),
+        ({"step": 9999}, 409, "and not 9999"),
+        ({"step": -1}, 400, "is not valid"),
+        ({"step": 1.5}, 400, "is not valid"),
+        ({"more": 1}, 400, "is not valid"),
+    ],
+)
+def test_marks_of_what_is_not_there_are_refused(client, address, versions, change, status, sentence):
+    marks = [{"episode": FIRST, "critical_state": 0, "step": 20, "after": 0} | change]
+    answer = client.post(f"{address}/marks", json={"author": "Ada", "marks": marks})
+    assert answer.status_code == status
+    assert sentence in answer.json()["error"]
+    assert not versions.exists()
+
+
+def test_name_that_steers_a_terminal_is_refused(client, address, versions):
+    assert "plain text" in mark(client, address, 20, "\x1b[31m").json()["error"]
+    assert not versions.exists()
+
+
+def test_versions_edited_to_nonsense_are_a_sentence_and_stay_as_they_are(client, address, versions):
+    versions.parent.mkdir()
+    versions.write_text("nonsense\n")
+    for answer in (client.get(f"{address}/work"), mark(client, address, 20)):
+        assert answer.status_code == 400
+        assert "line 1: it is not JSON" in answer.json()["error"]
+    assert versions.read_text() == "nonsense\n"
+
+
+def test_artifact_that_is_deleted_while_its_page_is_open_is_a_sentence(client, address, tmp_path):
+    work(client, address)
+    shutil.rmtree(tmp_path / "data" / "episodes")
+    for answer in (client.get(f"{address}/work"), mark(client, address, 20), client.get(f"{address}/{FIRST}/16.jpg")):
+        assert answer.status_code == 404
+        assert "no artifact answers to" in answer.json()["error"]
+
+
+def test_folder_that_refuses_writes_is_a_sentence(client, address, versions):
+    versions.parent.write_text("a file stands here")
+    answer = mark(client, address, 20)
+    assert answer.status_code == 507
+    assert "nothing of this was saved" in answer.json()["error"]
+
+
+def test_sheet_shows_the_steps_that_were_asked_for(client, address):
+    def pixels(path: str):
+        answer = client.get(f"{address}/{FIRST}/{path}")
+        assert answer.status_code == 200, answer.text
+        return np.asarray(Image.open(io.BytesIO(answer.content)), dtype=int)
+
+    sheet, one = pixels("16.jpg"), pixels("18.jpg?count=1&view=wrist")
+    assert sheet.shape == (3 * 240, 8 * 320, 3)
+    assert np.abs(sheet[480:, 640:960] - one).mean() < 4
+    assert np.abs(sheet[480:, 960:1280] - one).mean() < np.abs(sheet[:240, 640:960] - one).mean()
+
+
+@pytest.mark.parametrize("path", ["9999.jpg", "-1.jpg", "0.jpg?count=9", "0.jpg?count=0", "0.jpg?view=side"])
+def test_sheet_of_what_is_not_there_is_a_sentence(client, address, path):
+    answer = client.get(f"{address}/{FIRST}/{path}")
+    assert answer.status_code == 400
+    assert answer.json()["error"]
+
+
+def test_signals_have_an_entry_for_every_step(client, address):
+    steps = next(each["steps"] for each in work(client, address)["episodes"] if each["id"] == FIRST)
+    signals = client.get(f"{address}/{FIRST}/signals").json()
+    plain = {name: values for name, values in signals.items() if name != "distance_m"}
+    assert {len(values) for values in (*plain.values(), *signals["distance_m"])} == {steps}
+    assert signals["distance_m"][0][-1] < signals["distance_m"][0][0]
+    assert max(signals["contacts"]) >= 1
+
+
+def test_agreed_marks_leave_as_tables(client, address):
+    mark(client, address, 20)
+    assert client.get(f"{address}/labels.csv").text == f"recording,step,critical_state\n{FIRST},20,0\n"
+    assert client.get(f"{address}/labels.jsonl").json() == {"recording": FIRST, "step": 20, "critical_state": 0}
+    assert client.get(f"{address}/labels.exe").status_code == 400
+
+
+def test_every_critical_state_that_the_task_expects_is_listed_found_or_not(client, tmp_path, episode_factory):
+    store, episode = ArtifactStore(tmp_path / "data"), episode_factory(9, task="lamp", num_parts=3)
+    ingest = Recipe("ingest", "episodes", config={"task": "lamp"})
+    with store.create(ingest) as draft:
+        write_episodes(draft.path, [episode], {})
+    with store.create(Recipe("annotate", "annotations", inputs={"episodes": (ingest.ref,)})) as draft:
+        write_annotations(draft.path, [Annotation(episode.record.episode_id, 4, 2, "proposed", 0.5)])
+    (only,) = work(client, f"/annotate/{ingest.ref.id}")["episodes"]
+    assert [mark["proposal"] and mark["proposal"]["step"] for mark in only["marks"]] == [None, None, 4, None, None]
+    assert client.get(f"/annotate/{ingest.ref.id}").text.count("The last step at which") == 5
+
+
+def test_pages_show_what_is_there(client, address):
+    mark(client, address, 20)
+    chosen = client.get("/annotate", headers={"accept": "text/html"})
+    assert address in chosen.text
+    page = client.get(address).text
+    assert "one_leg.versions.jsonl" in page
+    assert "insert leg" in page
+    assert client.get("/annotate/nothing", headers={"accept": "text/html"}).status_code == 404
