@@ -2,7 +2,7 @@
 
 const SEND_EVERY_MS = 40;
 const BUTTONS = [
-  "A", "B", "X", "Y", "LB", "RB", "LT", "RT", "Back", "Start", "LS", "RS", "Up", "Down", "Left", "Right", "Home",
+  "A", "B", "X", "Y", "LB", "RB", "LT", "RT", "Back", "Start", "LS", "RS", "Up", "Down", "Left", "Right", "Guide",
 ];
 const LT = 6;
 const RT = 7;
