@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -35,6 +35,9 @@ from stages.render import RenderConfig, render
 from stages.runtime.session import Session
 from stages.select import select
 from stages.train import TrainConfig, train
+
+_Fixed = tuple[EncoderConfig, tuple[ArtifactRef, ...]]
+"""An encoder that a training does not change, and the estimators that it needs."""
 
 
 @dataclass(frozen=True)
@@ -203,34 +206,33 @@ def _train_jointly(
 
 def _train(session: Session, config: LoopConfig, training: TrainConfig, gathered: Collection[_Data]) -> ArtifactRef:
     """A model trained on all that was gathered, and on the images that it looks at."""
+    policy = training.policy
+    fixed = [[(part, _estimators(data, part)) for part in policy.fixed_parts] for data in gathered]
     # Whole episodes first, then those of which a selection is kept; the split into families goes by this order.
-    learned = sorted(((data, each) for data in gathered for each in data.learned), key=lambda each: len(each[1]))
+    learned = sorted(
+        ((own, each) for own, data in zip(fixed, gathered, strict=True) for each in data.learned),
+        key=lambda pair: len(pair[1]),
+    )
     mixed = dataset(
         session,
         episodes=tuple(episodes for _, (episodes, *_) in learned),
         selections=tuple(selection for _, (_, *selections) in learned for selection in selections),
-        columns=tuple(column for data, each in learned for column in _columns(session, training.policy, data, *each)),
+        columns=tuple(column for own, each in learned for column in _columns(session, policy, own, *each)),
         config=config.dataset,
     )
-    parts = training.policy.fixed_parts
-    estimators = tuple(ref for data in gathered for part in parts for ref in _estimators(data, part))
+    estimators = tuple(ref for own in fixed for _, refs in own for ref in refs)
     return train(session, dataset=mixed, estimators=estimators, config=training)
 
 
 def _columns(
-    session: Session, policy: PolicyConfig, data: _Data, episodes: ArtifactRef, *selections: ArtifactRef
+    session: Session, policy: PolicyConfig, fixed: Sequence[_Fixed], episodes: ArtifactRef, *selections: ArtifactRef
 ) -> Iterator[ArtifactRef]:
     """What a policy learns from beside the arrays of the episodes: images, and what is read off such."""
     for view in policy.learned_views:
         yield render(session, episodes=episodes, selections=selections, config=RenderConfig(view=view))
-    for part in policy.fixed_parts:
-        yield encode(
-            session,
-            episodes=episodes,
-            selections=selections,
-            estimators=_estimators(data, part),
-            config=EncodeConfig(encoder=part),
-        )
+    for part, estimators in fixed:
+        config = EncodeConfig(encoder=part)
+        yield encode(session, episodes=episodes, selections=selections, estimators=estimators, config=config)
 
 
 def _gather(session: Session, config: LoopConfig, condition: Condition, seed: int) -> _Data:

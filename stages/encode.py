@@ -60,20 +60,20 @@ def encode(
 
     reader = EpisodeReader(context.store.open(episodes, "episodes"))
     covered = kept_of(reader, (context.store.open(each, "selection") for each in selections))
-    chosen, task = np.flatnonzero(covered).tolist(), reader.records[0].task
-    encoder = FixedEncoder(
-        config.encoder,
-        {task: feature_spec(task)},
-        context.machine.weights,
-        [context.store.open(each, "estimator") for each in estimators],
-        context.machine.device,
-    )
+    views, workers = config.encoder.views_seen, context.machine.workers
+    with drawing_of(reader, views, workers, np.flatnonzero(covered).tolist()) as drawing:
+        encoder = FixedEncoder(
+            config.encoder,
+            {drawing.task.name: feature_spec(drawing.task.name)},
+            context.machine.weights,
+            [context.store.open(each, "estimator") for each in estimators],
+            context.machine.device,
+        )
 
-    def features(steps: slice, images: ImagesOfViews) -> Mapping[str, NDArray[np.float32]]:
-        recorded = {name: reader.steps(name, steps) for name in encoder.observes if name not in images}
-        return encoder.columns({**images, **recorded})
+        def features(steps: slice, images: ImagesOfViews) -> Mapping[str, NDArray[np.float32]]:
+            recorded = {name: reader.steps(name, steps) for name in encoder.observes if name not in images}
+            return encoder.columns({**images, **recorded})
 
-    with drawing_of(reader, config.encoder.views_seen, context.machine.workers, chosen) as drawing:
         write_columns(
             context.draft.path,
             encoder.specs,

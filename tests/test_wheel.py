@@ -45,7 +45,7 @@ def test_it_holds_one_package_with_all_that_the_command_needs(installed: Path):
         assert (bundle / shipped).is_file(), shipped
     assert (installed / "juicer" / "reporting" / "report.html.j2").is_file()
     assert (installed / "juicer" / "pages" / "static" / "pages.css").is_file()
-    assert (installed / "juicer" / "pages" / "templates" / "browsing" / "film.html").is_file()
+    assert (installed / "juicer" / "pages" / "templates" / "browsing" / "episode.html").is_file()
     assert (installed / "juicer" / "py.typed").is_file()
 
 

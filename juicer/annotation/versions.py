@@ -4,7 +4,7 @@ Each line is JSON and says one thing that one person said about one critical sta
 was said before. A line is never changed, so nobody can overwrite what somebody else has said. Whoever saves names the
 version of that critical state that was seen; if there is a newer one, nothing is saved and both are shown.
 
-A line is on the disk before its saving is confirmed. What a kill leaves of a line is no line: it is passed over, and
+A line is on the disk before its saving is confirmed. What a kill leaves of a line is not a line: it is passed over, and
 the next one takes its place.
 """
 
@@ -175,7 +175,7 @@ def _numbered(versions: Sequence[Version], entries: Iterable[Entry], path: Path)
 
 def _check_undoes(entry: Entry, undone: Version | None, where: str) -> None:
     if undone is None or undone.key != entry.key or undone.author != entry.author or undone.undoes is not None:
-        raise InvalidLabels(f"{where}: version {entry.undoes} is no mark of {entry.author} that could be taken back")
+        raise InvalidLabels(f"{where}: version {entry.undoes} is not a mark of {entry.author} that could be taken back")
 
 
 def _append(file: BufferedRandom, whole: int, lines: bytes) -> None:

@@ -63,6 +63,7 @@ class RecordedImages:
     """Images of views at every step of episodes of an artifact.
 
     Attributes:
+        task: The task that they show.
         drawn_by: What draws them, in the words of OpenGL platforms.
         num_steps: How many steps there are.
     """
@@ -74,7 +75,7 @@ class RecordedImages:
         self._reader = reader
         self._views = views
         self._processes = processes
-        self._task = get_task(reader.records[0].task)
+        self.task = get_task(reader.records[0].task)
         self._batches = [
             [slice(first, min(first + BATCH, span.stop)) for first in range(span.start, span.stop, BATCH)]
             for index in chosen
@@ -123,5 +124,5 @@ class RecordedImages:
         return self._processes.draw(map(self._scenes, spans))
 
     def _scenes(self, span: slice) -> Scenes:
-        positions = joint_positions(self._task, self._reader.steps(STATE_KEY, span))
+        positions = joint_positions(self.task, self._reader.steps(STATE_KEY, span))
         return Scenes(positions, self._reader.steps("proprioception", span)[:, :3])

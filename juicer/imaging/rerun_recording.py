@@ -6,23 +6,21 @@ Rerun is large, and an extra: whoever does not look into episodes in this way ne
 from __future__ import annotations
 
 import importlib.util
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import PIL.Image
 
 from juicer.episode import Episode
 from juicer.errors import ConfigError
-from juicer.imaging.video import Image, VideoFormat, draw
+from juicer.imaging.jpeg import encode_jpeg
+from juicer.imaging.video import VideoFormat, draw
 from juicer.sim.env import STEP_S
 from juicer.tasks.registry import get_task
 
 SUFFIX = ".rrd"
 TIMELINES = STEP, TIME = "step", "sim_time"
-_QUALITY = 85
 
 
 def require_rerun() -> Any:
@@ -141,7 +139,7 @@ def _log_images(stream: Any, episode: Episode) -> int:
     for frame in draw(episode, range(len(episode) + 1), video_format):
         _at(stream, frame.step)
         for camera, image in zip(video_format.cameras, frame.images, strict=True):
-            stream.log(f"cameras/{camera}", rr.EncodedImage(contents=_jpeg(image), media_type="image/jpeg"))
+            stream.log(f"cameras/{camera}", rr.EncodedImage(contents=encode_jpeg(image), media_type="image/jpeg"))
         frames += 1
     return frames
 
@@ -149,9 +147,3 @@ def _log_images(stream: Any, episode: Episode) -> int:
 def _at(stream: Any, step: int) -> None:
     stream.set_time(STEP, sequence=step)
     stream.set_time(TIME, duration=step * STEP_S)
-
-
-def _jpeg(image: Image) -> bytes:
-    buffer = io.BytesIO()
-    PIL.Image.fromarray(image).save(buffer, format="JPEG", quality=_QUALITY)
-    return buffer.getvalue()

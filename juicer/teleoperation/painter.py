@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -10,9 +9,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from juicer.errors import JuicerError
+from juicer.imaging.jpeg import encode_jpeg
 from juicer.imaging.operator_views import OperatorRenderer, OperatorView
 from juicer.imaging.renderer import ViewRenderer
 from juicer.teleoperation.session import Session
@@ -23,7 +22,6 @@ QUICK_S = 0.025
 """Where a view with shadows takes longer to be drawn, it has them only while nothing moves: what is late misleads."""
 STILL = 5
 """Moments without a movement after which nothing moves."""
-_QUALITY = 85
 _PATIENCE_S = 0.5
 
 
@@ -176,9 +174,7 @@ class Painter:
         pixels = brush.draw(pane, snapshot, shadows)
         if shadows:
             self._with_shadows_s = time.monotonic() - began
-        buffer = io.BytesIO()
-        Image.fromarray(pixels).save(buffer, "JPEG", quality=_QUALITY)
-        return Picture(snapshot.number, snapshot.qpos, shadows, buffer.getvalue())
+        return Picture(snapshot.number, snapshot.qpos, shadows, encode_jpeg(pixels))
 
     def _publish(self, frame: Frame) -> None:
         self._frame = frame

@@ -17,6 +17,7 @@ from juicer.annotation.propose import AnnotationConfig
 from juicer.artifacts import code_version
 from juicer.artifacts.junctions import JUNCTIONS
 from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.source_tree import Source, SourceTree
 from juicer.artifacts.store import ArtifactStore
 from juicer.demonstration.ingestion import IngestionConfig
@@ -273,23 +274,7 @@ def loop(task: str) -> dict[str, Recipe]:
     made["look and train"] = train(session, dataset=made["images"], config=TrainConfig(policy=LOOKING_POLICY))
     made["look and evaluate"] = evaluate(session, checkpoint=made["look and train"], config=EvaluateConfig(**start))
     made["annotate"] = annotate(session, episodes=demonstrations, config=AnnotationConfig())
-    estimated = EstimatedConfig()
-    made["estimate"] = estimate(
-        session, episodes=demonstrations, annotations=made["annotate"], config=EstimateConfig(encoder=estimated)
-    )
-    read = {"estimators": (made["estimate"],), "config": EncodeConfig(encoder=estimated)}
-    made["encode estimates"] = encode(session, episodes=demonstrations, **read)
-    made["train on estimates"] = train(
-        session,
-        dataset=dataset(
-            session, episodes=(demonstrations,), columns=(made["encode estimates"],), config=DatasetConfig()
-        ),
-        estimators=(made["estimate"],),
-        config=TrainConfig(policy=PolicyConfig(observation={"state": estimated})),
-    )
-    made["evaluate estimates"] = evaluate(
-        session, checkpoint=made["train on estimates"], config=EvaluateConfig(**start)
-    )
+    made |= estimating(session, demonstrations, made["annotate"], start)
     made["augment"] = augment(session, episodes=demonstrations, annotations=made["annotate"], config=AugmentConfig())
     episodes = (demonstrations, made["augment"])
     made["dataset"] = dataset(session, episodes=episodes, config=DatasetConfig())
@@ -322,6 +307,30 @@ def loop(task: str) -> dict[str, Recipe]:
         config=ReportConfig(title="All", task=task, rows=rows, analyses=shown),
     )
     return {name: session.recipe(ref) for name, ref in made.items()}
+
+
+def estimating(
+    session: Session, demonstrations: ArtifactRef, annotations: ArtifactRef, start: dict[str, str]
+) -> dict[str, ArtifactRef]:
+    """Calls for a policy that estimates poses."""
+    estimated, made = EstimatedConfig(), {}
+    made["estimate"] = estimate(
+        session, episodes=demonstrations, annotations=annotations, config=EstimateConfig(encoder=estimated)
+    )
+    read = {"estimators": (made["estimate"],), "config": EncodeConfig(encoder=estimated)}
+    made["encode estimates"] = encode(session, episodes=demonstrations, **read)
+    made["train on estimates"] = train(
+        session,
+        dataset=dataset(
+            session, episodes=(demonstrations,), columns=(made["encode estimates"],), config=DatasetConfig()
+        ),
+        estimators=(made["estimate"],),
+        config=TrainConfig(policy=PolicyConfig(observation={"state": estimated})),
+    )
+    made["evaluate estimates"] = evaluate(
+        session, checkpoint=made["train on estimates"], config=EvaluateConfig(**start)
+    )
+    return made
 
 
 @pytest.fixture(scope="module")

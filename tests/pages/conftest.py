@@ -14,6 +14,7 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Outcome
 from juicer.pages.application import create_application
+from juicer.pages.drawing import renderer_of
 from juicer.pages.workplace import Workplace
 from juicer.storage.curves import CURVES_FILE
 from juicer.storage.episodes import write_episodes
@@ -31,6 +32,13 @@ class Run:
     episodes: ArtifactRef
     checkpoint: ArtifactRef
     evaluation: ArtifactRef
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _renderers_are_released():
+    """Pages keep what draws as long as their process, which here runs other tests next."""
+    yield
+    renderer_of.cache_clear()
 
 
 @pytest.fixture

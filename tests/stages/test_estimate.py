@@ -179,6 +179,13 @@ def test_a_policy_that_estimates_is_not_trained_without_its_estimator(session, e
         train(session, dataset=bare, estimators=(estimator,), config=TRAIN)
 
 
+def test_nothing_is_estimated_of_no_episode(session, estimator):
+    with session.store.create(Recipe("none", "episodes")) as draft:
+        write_episodes(draft.path, (), {}, may_be_empty=True)
+    with pytest.raises(NothingLeft, match="none is wanted, so there is nothing to draw"):
+        encode(session, episodes=draft.ref, estimators=(estimator,), config=EncodeConfig(encoder=ENCODER))
+
+
 def test_nothing_is_estimated_without_an_estimator(session, demonstrations):
     with pytest.raises(ConfigError, match="make one by the stage 'estimate'"):
         encode(session, episodes=demonstrations, config=EncodeConfig(encoder=ENCODER))

@@ -20,7 +20,6 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import RECORDED_STEP_KEY, Episode, Outcome
 from juicer.errors import NothingLeft
-from juicer.imaging.renderer import ViewRenderer
 from juicer.pages.annotating.proposals import Proposals, find_proposals
 from juicer.pages.annotating.sheets import draw_sheet
 from juicer.pages.workplace import Workplace
@@ -39,7 +38,6 @@ class Desk:
     Attributes:
         reader: The episodes.
         task: Their task.
-        renderer: Draws it.
         path: File of the versions of annotations.
         proposed: How many demonstrations have been searched for critical states.
     """
@@ -48,7 +46,6 @@ class Desk:
         """Begin to look for proposals; use :func:`desk_of`."""
         self.reader = reader
         self.task = get_task(self.reader.records[0].task)
-        self.renderer = ViewRenderer(self.task.name)
         self.path = path
         self.proposed = 0
         self._env_lock = threading.Lock()
@@ -70,7 +67,7 @@ class Desk:
 
     def sheet(self, episode_id: str, first: int, count: int, views: Iterable[str]) -> bytes:
         """JPEG of some steps; see :func:`draw_sheet`."""
-        return draw_sheet(self.renderer, self.read(episode_id), first, count, tuple(views))
+        return draw_sheet(self.read(episode_id), first, count, tuple(views))
 
     def work(self) -> list[dict[str, Any]]:
         """Every demonstration with what is proposed and said of it, those first that are most in doubt."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from http import HTTPStatus
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
@@ -17,7 +19,7 @@ from juicer.errors import AnnotationConflict
 from juicer.pages.annotating.choosing import annotatable
 from juicer.pages.annotating.desk import Desk, desk_of
 from juicer.pages.annotating.explaining import explain
-from juicer.pages.annotating.saying import Marks, Undo, say, take_back
+from juicer.pages.annotating.saying import Judged, Marks, Undo, say, take_back
 from juicer.pages.annotating.sheets import HEIGHT, STEPS, VIEWS, WIDTH
 from juicer.pages.rendering import page
 from juicer.pages.workplace import TheWorkplace
@@ -27,7 +29,6 @@ router = APIRouter(prefix="/annotate")
 
 _FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable"}
 """An episode's id is a digest of its content."""
-_CONFLICT = 409
 
 
 @router.get("")
@@ -105,24 +106,26 @@ def sheet(
 def mark(workplace: TheWorkplace, name: str, said: Marks) -> Response:
     """Save marks, all or none; gives what stands now, also if nothing was saved."""
     _, desk = desk_of(workplace, name)
-    keys = [(each.episode, each.critical_state) for each in said.marks]
-    try:
-        say(desk, said)
-    except AnnotationConflict as error:
-        return JSONResponse({"error": str(error), "marks": _stands(desk, keys)}, _CONFLICT)
-    return JSONResponse({"marks": _stands(desk, keys)})
+    return _saved(desk, said.marks, lambda: say(desk, said))
 
 
 @router.post("/{name}/undo")
 def undo(workplace: TheWorkplace, name: str, what: Undo) -> Response:
     """Save that a mark is taken back."""
     _, desk = desk_of(workplace, name)
-    keys = [(what.episode, what.critical_state)]
+    return _saved(desk, [what], lambda: take_back(desk, what))
+
+
+def _saved(desk: Desk, about: Sequence[Judged], do: Callable[[], object]) -> Response:
+    """Save something, and tell what stands then; also where somebody else was quicker."""
+    told: dict[str, Any] = {}
+    status = HTTPStatus.OK
     try:
-        take_back(desk, what)
+        do()
     except AnnotationConflict as error:
-        return JSONResponse({"error": str(error), "marks": _stands(desk, keys)}, _CONFLICT)
-    return JSONResponse({"marks": _stands(desk, keys)})
+        told, status = {"error": str(error)}, HTTPStatus.CONFLICT
+    told["marks"] = _stands(desk, [(each.episode, each.critical_state) for each in about])
+    return JSONResponse(told, status)
 
 
 def _measures(desk: Desk) -> dict[str, Any]:

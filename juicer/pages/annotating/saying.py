@@ -17,15 +17,20 @@ TOOL = f"juicer {__version__}, page"
 MOST_MARKS = 2000
 
 
-class Mark(StrictConfig):
-    """A critical state that somebody marks; the step is one of the episode, the rest as in :class:`Entry`."""
+class Judged(StrictConfig):
+    """A critical state that somebody has judged; all as in :class:`Entry`."""
 
     episode: str = Field(max_length=16)
     critical_state: int = Field(ge=0, lt=1000)
-    step: int = Field(ge=0)
     after: int = Field(ge=0)
     keys: int = Field(default=0, ge=0, le=100_000)
     seconds: float = Field(default=0, ge=0, le=100_000)
+
+
+class Mark(Judged):
+    """A critical state that somebody marks at a step of the episode."""
+
+    step: int = Field(ge=0)
     settles: bool = False
 
 
@@ -36,15 +41,10 @@ class Marks(StrictConfig):
     marks: list[Mark] = Field(min_length=1, max_length=MOST_MARKS)
 
 
-class Undo(StrictConfig):
+class Undo(Judged):
     """Takes back what somebody said last of a critical state."""
 
     author: Author
-    episode: str = Field(max_length=16)
-    critical_state: int = Field(ge=0, lt=1000)
-    after: int = Field(ge=0)
-    keys: int = Field(default=0, ge=0, le=100_000)
-    seconds: float = Field(default=0, ge=0, le=100_000)
 
 
 def say(desk: Desk, said: Marks) -> list[Version]:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 
 import numpy as np
-from PIL import Image
 
-from juicer.episode import STATE_KEY, Episode
+from juicer.episode import Episode
 from juicer.errors import ConfigError
-from juicer.imaging.renderer import ViewRenderer
-from juicer.sim.sections import joint_positions
-from juicer.tasks.registry import get_task
+from juicer.imaging.jpeg import encode_jpeg
+from juicer.pages.drawing import draw_steps
 from juicer.views import GazeCrop, View
 
 WIDTH, HEIGHT = 320, 240
@@ -23,14 +20,12 @@ VIEWS = {
     "close": View(camera="front", crop=GazeCrop(reach_m=0.07), width=WIDTH, height=HEIGHT),
     "wrist": View(camera="wrist", width=WIDTH, height=HEIGHT),
 }
-_QUALITY = 82
 
 
-def draw_sheet(renderer: ViewRenderer, episode: Episode, first: int, count: int, views: Sequence[str]) -> bytes:
+def draw_sheet(episode: Episode, first: int, count: int, views: Sequence[str]) -> bytes:
     """JPEG of some steps, side by side, a row for each view.
 
     Args:
-        renderer: Draws the episode's task.
         episode: What is drawn.
         first: First step.
         count: How many there are, as far as the episode goes.
@@ -44,15 +39,6 @@ def draw_sheet(renderer: ViewRenderer, episode: Episode, first: int, count: int,
         raise ConfigError(f"the demonstration has the steps 0 to {len(episode) - 1}, and not {first}")
     if not 0 < count <= STEPS or not views or not set(views) <= VIEWS.keys():
         raise ConfigError(f"a sheet shows 1 to {STEPS} steps in the views {', '.join(VIEWS)}")
-    span = slice(first, min(first + count, len(episode)))
-    positions = joint_positions(get_task(episode.record.task), np.asarray(episode.steps[STATE_KEY][span]))
-    gaze = np.asarray(episode.steps["proprioception"][span, :3], dtype=np.float32)
-    rows = [
-        np.concatenate(
-            [renderer.draw(qpos, VIEWS[name], point) for qpos, point in zip(positions, gaze, strict=True)], 1
-        )
-        for name in views
-    ]
-    file = io.BytesIO()
-    Image.fromarray(np.concatenate(rows)).save(file, "JPEG", quality=_QUALITY)
-    return file.getvalue()
+    steps = range(first, min(first + count, len(episode)))
+    columns = draw_steps(episode, steps, [VIEWS[name] for name in views])
+    return encode_jpeg(np.concatenate([np.concatenate(column) for column in columns], axis=1))

@@ -21,7 +21,7 @@ _LINE_LETTERS, _LINES = 20, 3
 
 
 def preview(store: ArtifactStore, manifest: Manifest) -> str:
-    """SVG: a rate with its interval, a learning curve, a film strip, or else what the artifact says of itself."""
+    """SVG: a rate with its interval, a learning curve, images, or else what the artifact says of itself."""
     summary = manifest.summary
     if all(isinstance(summary.get(name), int | float) for name in ("success_rate", "interval_low", "interval_high")):
         return _rate(summary)

@@ -18,7 +18,7 @@ from juicer.artifacts.ref import KINDS
 from juicer.episode import Outcome
 from juicer.pages.browsing.catalog import catalog_of
 from juicer.pages.browsing.episodes import KINDS_WITH_EPISODES, list_episodes
-from juicer.pages.browsing.film import SHEET_FRAMES, sheet, still, strip
+from juicer.pages.browsing.frames import SHEET_FRAMES, sheet, still, strip
 from juicer.pages.browsing.graph import graph_around
 from juicer.pages.rendering import page
 from juicer.pages.workplace import TheWorkplace
@@ -118,13 +118,15 @@ def episodes(
     episode: Annotated[int | None, Query(ge=0, le=10**9)] = None,
     frame: Number = 0,
 ) -> Response:
-    """Episodes of an artifact, or one of them as a film."""
+    """Episodes of an artifact, or one of them step by step."""
     if not artifact:
-        return _choice(request, workplace, "Episodes", "/episodes", KINDS_WITH_EPISODES)
+        return _choice(request, workplace, "Episodes", KINDS_WITH_EPISODES, first)
     found = list_episodes(workplace.store, workplace.store.resolve(artifact))
     if episode is not None:
         line = found.line(episode)
-        return page(request, "browsing/film.html", found=found, line=line, frame=min(frame, line.length), hz=CONTROL_HZ)
+        return page(
+            request, "browsing/episode.html", found=found, line=line, frame=min(frame, line.length), hz=CONTROL_HZ
+        )
     return page(
         request,
         "browsing/episodes.html",
@@ -160,10 +162,10 @@ def episode_still(workplace: TheWorkplace, artifact: Word, episode: Number, fram
 
 
 @router.get("/lineage")
-def lineage(request: Request, workplace: TheWorkplace, artifact: Word = "") -> Response:
+def lineage(request: Request, workplace: TheWorkplace, artifact: Word = "", first: Number = 0) -> Response:
     """What an artifact was made from, and what was made from it."""
     if not artifact:
-        return _choice(request, workplace, "Lineage", "/lineage", ("report", "evaluation", "checkpoint"))
+        return _choice(request, workplace, "Lineage", ("report", "evaluation", "checkpoint"), first)
     store = workplace.store
     ref = store.resolve(artifact)
     contents = catalog_of(store, workplace.folder).contents()
@@ -185,11 +187,11 @@ def lineage_strip(workplace: TheWorkplace, artifact: Word) -> Response:
     return _jpeg(strip(workplace.store, workplace.store.resolve(artifact)))
 
 
-def _choice(request: Request, workplace: TheWorkplace, title: str, address: str, kinds: Sequence[str]) -> Response:
+def _choice(request: Request, workplace: TheWorkplace, title: str, kinds: Sequence[str], first: int) -> Response:
     """Artifacts that a page can be about."""
     contents = catalog_of(workplace.store, workplace.folder).contents()
     entries = [entry for entry in contents.entries if entry.ref.kind in kinds]
-    part = _part(request, entries, int(request.query_params.get("first", "0") or 0))
+    part, address = _part(request, entries, first), request.url.path
     return page(request, "browsing/choice.html", title=title, address=address, part=part, contents=contents)
 
 

@@ -10,27 +10,27 @@ import PIL.Image
 import pytest
 
 from juicer.artifacts.recipe import Recipe
-from juicer.pages.browsing.film import FRAME_HEIGHT, FRAME_WIDTH, SHEET_COLUMNS
+from juicer.pages.browsing.frames import FRAME_HEIGHT, FRAME_WIDTH, SHEET_COLUMNS
 from juicer.storage.episodes import write_episodes
 from tests.pages.conftest import commit
 
 
-def films(text: str) -> list[int]:
+def linked(text: str) -> list[int]:
     return sorted({int(number) for number in re.findall(r'href="/episodes\?artifact=[^"]*episode=([0-9]+)"', text)})
 
 
-def test_episodes_are_listed_with_their_films(client, run):
+def test_episodes_are_listed_with_links_to_those_kept(client, run):
     text = client.get("/episodes", params={"artifact": str(run.episodes)}).text
-    assert films(text) == [0, 1]
+    assert linked(text) == [0, 1]
     assert "✓ success" in text
 
 
 def test_evaluation_lists_every_episode_and_shows_those_that_it_kept(client, run):
     text = client.get("/episodes", params={"artifact": str(run.evaluation)}).text
-    assert films(text) == [0]
+    assert linked(text) == [0]
     assert "✗ timeout" in text
-    film = client.get("/episodes", params={"artifact": str(run.evaluation), "episode": 1})
-    assert f"juicer replay {run.evaluation.id} --episode 1" in film.text
+    shown = client.get("/episodes", params={"artifact": str(run.evaluation), "episode": 1})
+    assert f"juicer replay {run.evaluation.id} --episode 1" in shown.text
 
 
 @pytest.mark.parametrize(

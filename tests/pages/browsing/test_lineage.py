@@ -32,6 +32,12 @@ def test_boxes_show_what_their_artifacts_hold(client, run):
     assert ">10 to 90%<" in text
 
 
+@pytest.mark.parametrize("address", ["/lineage", "/episodes"])
+def test_number_that_is_none_is_refused_and_no_defect(client, run, address):
+    assert client.get(address, params={"first": "0"}).status_code == 200
+    assert client.get(address, params={"first": "soon"}).status_code == 400
+
+
 def test_drawing_needs_no_style_that_the_policy_forbids(client, run):
     assert "style=" not in client.get("/lineage", params={"artifact": str(run.evaluation)}).text
 

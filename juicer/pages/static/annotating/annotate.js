@@ -283,7 +283,7 @@ function listen() {
   const seek = (event) => entry && move(stepAt(timeline, entry.episode.steps, event.offsetX));
   timeline.addEventListener("pointerdown", (event) => { effort.note(); timeline.setPointerCapture(event.pointerId); seek(event); });
   timeline.addEventListener("pointermove", (event) => event.buttons && seek(event));
-  element("film").addEventListener("click", (event) => { effort.note(); move(cursor + display.tileAt(event.offsetX)); });
+  element("frames").addEventListener("click", (event) => { effort.note(); move(cursor + display.tileAt(event.offsetX)); });
   for (const id of ["author", "which", "letters"]) remember(id);
   element("which").addEventListener("change", () => { for (const each of queue.entries) each.judged = false; go(queue.next(null, which(), author())); });
   element("author").addEventListener("change", () => { trouble(""); go(queue.next(null, which(), author())); });

@@ -98,7 +98,7 @@ export class Display {
   }
 
   #drawFilm(entry, cursor) {
-    const canvas = element("film");
+    const canvas = element("frames");
     this.side = canvas.clientWidth < NARROW ? 3 : 5;
     const count = 2 * this.side + 1;
     const tile = canvas.clientWidth / count;
@@ -122,10 +122,10 @@ export class Display {
     context.strokeRect(this.side * tile + 1, text * 1.4 + 1, tile - 2, STRIP.length * high - 3);
   }
 
-  /** How many steps from the cursor a place of the film is. */
+  /** How many steps from the cursor a place of the images is. */
   tileAt(x) {
     const count = 2 * this.side + 1;
-    return Math.floor(x / (element("film").clientWidth / count)) - this.side;
+    return Math.floor(x / (element("frames").clientWidth / count)) - this.side;
   }
 
   /** The critical states that the task expects of this demonstration, and what is marked of them. */

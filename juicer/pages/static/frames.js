@@ -1,18 +1,18 @@
-// An episode as a film. What is shown is addressed by its step: sheets of small images while one scrubs,
+// An episode step by step. What is shown is addressed by its step: sheets of small images while one scrubs,
 // and one large image of the step at which one stays.
 
 const SHEET = 50, COLUMNS = 10, WIDTH = 160, FRONT = 120, WRIST = 90;
 const KEPT_SHEETS = 12, OVERVIEW = 12, SETTLED_MS = 120;
 
-const film = document.querySelector("#film");
-const { artifact, episode } = film.dataset;
-const length = Number(film.dataset.length), hz = Number(film.dataset.hz);
+const frames = document.querySelector("#frames");
+const { artifact, episode } = frames.dataset;
+const length = Number(frames.dataset.length), hz = Number(frames.dataset.hz);
 const screen = document.querySelector("#screen"), pen = screen.getContext("2d");
 const position = document.querySelector("#position"), where = document.querySelector("#where");
 const play = document.querySelector("#play"), speed = document.querySelector("#speed");
 
 const sheets = new Map();
-let step = Math.min(Number(film.dataset.frame), length);
+let step = Math.min(Number(frames.dataset.frame), length);
 let settling = 0, request = new AbortController();
 
 async function image(name, parameters, signal) {
@@ -94,7 +94,7 @@ function advance(now) {
   const wanted = from + Math.floor(((now - began) / 1000) * hz * Number(speed.value));
   const ahead = wanted - (wanted % SHEET) + SHEET;
   if (ahead <= length) sheetOf(ahead);
-  // Where images are not there yet, the film waits: every step is shown.
+  // Where images are not there yet, playing waits: every step is shown.
   if (!sheetOf(Math.min(wanted, length)).bitmap) [began, from] = [now, step];
   else if (wanted !== step) show(wanted);
   if (step >= length) return toggle();
@@ -125,7 +125,7 @@ function stop() {
 position.addEventListener("input", () => { stop(); show(Number(position.value)); });
 play.addEventListener("click", toggle);
 speed.addEventListener("change", () => { [began, from] = [performance.now(), step]; });
-film.addEventListener("click", (event) => {
+frames.addEventListener("click", (event) => {
   const target = event.target.closest("[data-step]");
   if (target) { stop(); show(Number(target.dataset.step)); }
 });
@@ -139,7 +139,7 @@ const moves = {
 addEventListener("keydown", (event) => {
   const at = event.target;
   if (event.ctrlKey || event.metaKey || event.altKey || at.matches("select")) return;
-  if (at !== document.body && !film.contains(at) && at.id !== "main") return;
+  if (at !== document.body && !frames.contains(at) && at.id !== "main") return;
   if (event.code in moves) {
     stop();
     show(moves[event.code](event.shiftKey ? 10 : 1));

@@ -1,4 +1,4 @@
-"""A film in a real browser is moved by keys, step by step, within the content policy."""
+"""An episode in a real browser is gone through by keys, step by step, within the content policy."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def await_true(browser, condition):
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 @pytest.mark.usefixtures("drawing")
-def test_keys_move_a_film_and_its_address_follows(address, browser, run):
+def test_keys_go_through_an_episode_and_its_address_follows(address, browser, run):
     browser.open(f"{address}/episodes?artifact={run.episodes}&episode=0&frame=3")
     await_true(browser, f"{SHOWN}.startsWith('step 3 of')")
     for key, shift, shown in (("ArrowRight", "false", 4), ("ArrowRight", "true", 14), ("ArrowLeft", "false", 13)):

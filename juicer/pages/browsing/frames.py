@@ -1,25 +1,18 @@
-"""Images of recorded episodes for a page, as JPEG: many small ones in one sheet, or one large one of a step.
-
-They are numbered by steps, never by the time of a video, so that what is shown is the step that is meant.
-"""
+"""Images of recorded episodes for a page, as JPEG: many small ones in one sheet, or one large one of a step."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
-from functools import cache, lru_cache
+from functools import lru_cache
 
 import numpy as np
-import PIL.Image
-from numpy.typing import NDArray
 
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Episode
-from juicer.imaging.renderer import ViewRenderer
+from juicer.imaging.jpeg import encode_jpeg
 from juicer.pages.browsing.episodes import list_episodes, recorded_episode
-from juicer.sim.sections import joint_positions
-from juicer.tasks.registry import get_task
+from juicer.pages.drawing import Image, draw_steps, positions_of, renderer_of
 from juicer.views import FRONT_CAMERA, WRIST_CAMERA, View
 
 SHEET_FRAMES = 50
@@ -34,11 +27,6 @@ _SMALL = (
     View(camera="front", width=FRAME_WIDTH, height=FRONT_HEIGHT),
     View(camera="wrist", width=FRAME_WIDTH, height=WRIST_HEIGHT),
 )
-_NOWHERE = np.zeros(3, np.float32)
-"""Where a gaze crop would be; these views have none."""
-_QUALITY = 80
-
-Image = NDArray[np.uint8]
 
 
 def frames_of_sheet(length: int, first: int, stride: int, count: int) -> range:
@@ -73,7 +61,7 @@ def sheet(store: ArtifactStore, ref: ArtifactRef, number: int, first: int, strid
         picture[row * FRAME_HEIGHT : (row + 1) * FRAME_HEIGHT, column * FRAME_WIDTH : (column + 1) * FRAME_WIDTH] = (
             frame
         )
-    return _jpeg(picture)
+    return encode_jpeg(picture)
 
 
 @lru_cache(maxsize=64)
@@ -86,10 +74,9 @@ def still(store: ArtifactStore, ref: ArtifactRef, number: int, step: int) -> byt
         RenderingUnavailable: If no OpenGL platform can draw.
     """
     episode = recorded_episode(store, ref, number)
-    renderer = _renderer(episode.record.task)
-    (positions,) = _positions(episode, [step])
+    renderer, positions = renderer_of(episode.record.task), positions_of(episode, step)
     images = [renderer.draw_for_people(positions, name, width, STILL_HEIGHT) for name, width in STILL_WIDTHS.items()]
-    return _jpeg(np.concatenate(images, axis=1))
+    return encode_jpeg(np.concatenate(images, axis=1))
 
 
 @lru_cache(maxsize=128)
@@ -103,28 +90,8 @@ def strip(store: ArtifactStore, ref: ArtifactRef) -> bytes:
     """
     episode = recorded_episode(store, ref, list_episodes(store, ref).first_recorded)
     frames = _drawn_small(episode, [0, len(episode)])
-    return _jpeg(np.concatenate([frame[:FRONT_HEIGHT] for frame in frames], axis=1))
+    return encode_jpeg(np.concatenate([frame[:FRONT_HEIGHT] for frame in frames], axis=1))
 
 
 def _drawn_small(episode: Episode, steps: Sequence[int]) -> list[Image]:
-    renderer = _renderer(episode.record.task)
-    return [
-        np.concatenate([renderer.draw(positions, view, _NOWHERE) for view in _SMALL])
-        for positions in _positions(episode, steps)
-    ]
-
-
-@cache
-def _renderer(task: str) -> ViewRenderer:
-    """Kept as long as the process: to make one takes longer than to draw with it."""
-    return ViewRenderer(task)
-
-
-def _positions(episode: Episode, steps: Sequence[int]) -> NDArray[np.float64]:
-    return joint_positions(get_task(episode.record.task), np.stack([episode.state(step) for step in steps]))
-
-
-def _jpeg(image: Image) -> bytes:
-    buffer = io.BytesIO()
-    PIL.Image.fromarray(image).save(buffer, format="JPEG", quality=_QUALITY)
-    return buffer.getvalue()
+    return [np.concatenate(images) for images in draw_steps(episode, steps, _SMALL)]
