@@ -13,11 +13,11 @@ from flows.running.data_folder import open_store
 from flows.running.settings import read_settings
 from flows.terminal.headline import headline
 from flows.terminal.output import bytes_text, say, say_json, say_table
+from juicer.artifacts.catalog import Catalog, Entry
 from juicer.artifacts.findings import Listing
-from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import ArtifactRef, require_kind
-from juicer.artifacts.store import ArtifactStore, in_order
-from juicer.errors import ArtifactNotFound, DamagedArtifact, UnreadableArtifact
+from juicer.artifacts.store import ArtifactStore
+from juicer.errors import UnreadableArtifact
 from juicer.text import printable
 from stages.runtime.given_files import UNREADABLE
 
@@ -30,14 +30,17 @@ def list_kind(kind: str | None, as_json: bool) -> None:
     """``juicer ls``; fails after the list if it could not be complete."""
     if kind is not None:
         require_kind(kind)
-    store = open_store(read_settings())
-    manifests, troubles = _manifests(store, kind)
+    settings = read_settings()
+    store = open_store(settings)
+    contents = Catalog(store, settings.folder).whole(kind)
+    whole = [entry for entry in reversed(contents.entries) if not entry.trouble]
+    troubles = [*contents.unseen, *(entry.trouble for entry in reversed(contents.entries) if entry.trouble)]
     if as_json:
-        say_json([describe(manifest) for manifest in manifests])
+        say_json([describe(entry) for entry in whole])
         if troubles:  # the list is the answer; a second document would spoil it
             raise typer.Exit(1)
-    elif manifests:
-        say_table(["kind", "id", "stage", "finished", "size ", "facts"], [_row(manifest) for manifest in manifests])
+    elif whole:
+        say_table(["kind", "id", "stage", "finished", "size ", "facts"], [_row(entry) for entry in whole])
     elif not troubles:
         say(f"no artifacts{f' of kind {kind}' if kind else ''} in {store.url}")
     if troubles:
@@ -52,7 +55,7 @@ def show_artifact(text: str, as_json: bool) -> None:
     manifest = store.manifest(ref)
     if as_json:
         recordings = find_recordings(store, ref)
-        content = {**describe(manifest), "recipe": manifest.recipe.to_json(), "host": dict(manifest.host)}
+        content = {**describe(Entry.of(manifest)), "recipe": manifest.recipe.to_json(), "host": dict(manifest.host)}
         say_json(content | ({"recordings": describe_recordings(recordings)} if recordings else {}))
         return
     recipe = manifest.recipe
@@ -103,16 +106,16 @@ def verify_artifacts(text: str | None, as_json: bool) -> None:
         raise error
 
 
-def describe(manifest: Manifest) -> dict[str, Any]:
+def describe(entry: Entry) -> dict[str, Any]:
     """An artifact for machines."""
     return {
-        "ref": str(manifest.ref),
-        "stage": manifest.recipe.stage,
-        "finished": manifest.finished,
-        "seconds": manifest.seconds,
-        "bytes": sum(entry.bytes for entry in manifest.files),
-        "inputs": {role: [str(ref) for ref in refs] for role, refs in manifest.recipe.inputs.items()},
-        "summary": dict(manifest.summary),
+        "ref": str(entry.ref),
+        "stage": entry.stage,
+        "finished": entry.finished,
+        "seconds": entry.seconds,
+        "bytes": entry.bytes,
+        "inputs": {role: [str(ref) for ref in refs] for role, refs in entry.inputs.items()},
+        "summary": dict(entry.summary),
     }
 
 
@@ -141,28 +144,14 @@ def _parents(store: ArtifactStore, ref: ArtifactRef) -> tuple[ArtifactRef, ...]:
     return store.manifest(ref).recipe.parents if store.exists(ref) else ()
 
 
-def _manifests(store: ArtifactStore, kind: str | None) -> tuple[list[Manifest], list[str]]:
-    """Descriptions, oldest first, and what keeps the list from being complete."""
-    listing = store.survey(kind)
-    manifests, troubles = [], list(listing.unseen)
-    for ref in listing.refs:
-        try:
-            manifests.append(store.manifest(ref))
-        except (DamagedArtifact, UnreadableArtifact) as error:
-            troubles.append(str(error))
-        except ArtifactNotFound:
-            continue  # it has gone since the store was listed
-    return in_order(manifests), troubles
-
-
-def _row(manifest: Manifest) -> list[str]:
+def _row(entry: Entry) -> list[str]:
     return [
-        manifest.ref.kind,
-        manifest.ref.id,
-        printable(manifest.recipe.stage),
-        manifest.finished[:19].replace("T", " "),
-        bytes_text(sum(entry.bytes for entry in manifest.files)),
-        headline(manifest.summary),
+        entry.ref.kind,
+        entry.ref.id,
+        printable(entry.stage),
+        entry.finished[:19].replace("T", " "),
+        bytes_text(entry.bytes),
+        headline(entry.summary),
     ]
 
 

@@ -56,6 +56,10 @@ class Backend(Protocol):
         """
         ...
 
+    def stamp(self, ref: ArtifactRef) -> str:
+        """What changes whenever the manifest is written; empty if that cannot be told without reading it."""
+        ...
+
     def problems(self, ref: ArtifactRef) -> list[Finding]:
         """Everything that is wrong with a committed artifact, to the last byte."""
         ...

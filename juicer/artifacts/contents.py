@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,6 +35,11 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def written(facts: os.stat_result) -> tuple[int, ...]:
+    """What a write to a file changes of what the file system says about it."""
+    return (facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns, facts.st_ctime_ns)
+
+
 def known_digest(path: Path) -> str:
     """The same, read again by this process only if the file was written since.
 
@@ -45,7 +51,7 @@ def known_digest(path: Path) -> str:
     """
     before = time.time_ns()
     facts = path.stat()
-    key = (facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns, facts.st_ctime_ns)
+    key = written(facts)
     if key in _digests:
         return _digests[key]
     found = digest(path)

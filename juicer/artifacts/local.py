@@ -11,6 +11,7 @@ from itertools import count
 from pathlib import Path
 
 from juicer.artifacts.backend import ASIDE, parse_manifest, salvage_manifest
+from juicer.artifacts.contents import written
 from juicer.artifacts.findings import (
     Finding,
     Listing,
@@ -86,6 +87,13 @@ class LocalBackend:
     def read(self, ref: ArtifactRef) -> bytes:
         """Manifest of a committed artifact as it was written; see :class:`~juicer.artifacts.backend.Backend`."""
         return _read(self.folder(ref))
+
+    def stamp(self, ref: ArtifactRef) -> str:
+        """All that the file system says about the manifest; see :class:`~juicer.artifacts.backend.Backend`."""
+        try:
+            return "-".join(map(str, written((self.folder(ref) / MANIFEST_NAME).stat())))
+        except OSError:
+            return ""
 
     def problems(self, ref: ArtifactRef) -> list[Finding]:
         """Everything that is wrong with a committed artifact, to the last byte."""

@@ -110,11 +110,11 @@ class ArtifactStore:
             UnreadableArtifact: If the disk does not let it be found out whether the artifact is there.
         """
         backend, ref = self._backend, recipe.ref
-        old = self._stamp(ref) if replacing else None
+        old = self._written(ref) if replacing else None
         with explained(self.cache), backend.work.lock(ref.id):
             draft = Draft(ref, backend.work.draft(ref.id), backend.work.scratch(ref.id))
             with self._explaining(ref):
-                is_made = backend.recover(ref) and (not replacing or self._stamp(ref) != old)
+                is_made = backend.recover(ref) and (not replacing or self._written(ref) != old)
             if is_made:
                 draft.adopted = True
                 yield draft
@@ -163,6 +163,10 @@ class ArtifactStore:
         """
         with self._requiring(ref) as backend:
             return read_manifest(backend, ref)
+
+    def stamp(self, ref: ArtifactRef) -> str:
+        """What changes whenever an artifact's manifest is written; empty if that cannot be told without reading it."""
+        return self._backend.stamp(ref)
 
     def recipe(self, ref: ArtifactRef) -> Recipe:
         """What an artifact was made of.
@@ -280,7 +284,7 @@ class ArtifactStore:
         """Where that is which was set aside of an artifact, oldest first."""
         return self._backend.asides(ref)
 
-    def _stamp(self, ref: ArtifactRef) -> bytes | None:
+    def _written(self, ref: ArtifactRef) -> bytes | None:
         """What tells an artifact from its successor, which has the same id."""
         try:
             return self._backend.read(ref)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from juicer.artifacts.catalog import Contents
 from juicer.artifacts.lineage import parents_first
 from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ArtifactError
 from juicer.pages.addresses import lineage_of
-from juicer.pages.browsing.catalog import Contents
 from juicer.pages.browsing.previews import preview
 from juicer.reporting.content import LineageNode
 from juicer.reporting.lineage import Manifests, nodes_of

@@ -13,10 +13,10 @@ from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import Response
 
+from juicer.artifacts.catalog import catalog_of
 from juicer.artifacts.manifest import MANIFEST_NAME
 from juicer.artifacts.ref import KINDS
 from juicer.episode import Outcome
-from juicer.pages.browsing.catalog import catalog_of
 from juicer.pages.browsing.episodes import KINDS_WITH_EPISODES, list_episodes
 from juicer.pages.browsing.frames import SHEET_FRAMES, sheet, still, strip
 from juicer.pages.browsing.graph import graph_around

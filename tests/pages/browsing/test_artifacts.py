@@ -7,9 +7,9 @@ import threading
 
 import pytest
 
+from juicer.artifacts import catalog
 from juicer.artifacts.manifest import MANIFEST_NAME
 from juicer.artifacts.recipe import Recipe
-from juicer.pages.browsing import catalog
 from tests.pages.conftest import commit
 
 
