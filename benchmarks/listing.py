@@ -12,6 +12,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from starlette.testclient import TestClient
@@ -52,7 +53,7 @@ def main() -> None:
         client = TestClient(create_application(Workplace(store, folder)))
         timed("first page after a start", lambda: client.get("/"))
         for page in PAGES:
-            timed(page, lambda address=page.format(last): client.get(address).raise_for_status())
+            timed(page, partial(client.get, page.format(last)))
         catalog_of.cache_clear()
 
 

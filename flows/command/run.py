@@ -15,6 +15,7 @@ from flows.command.recordings import find_recordings, say_recordings
 from flows.running.data_folder import open_store
 from flows.running.device import check_device
 from flows.running.flow_runs import mark_crashed
+from flows.running.services import find_pages
 from flows.running.settings import RUNNER_VARIABLE, Settings, read_settings
 from flows.servers.acquaintance import check_prefect
 from flows.servers.addresses import check_reachable
@@ -25,6 +26,7 @@ from flows.terminal.headline import duration
 from flows.terminal.output import say, say_json, say_table
 from juicer.artifacts.ref import ArtifactRef
 from juicer.errors import ServiceUnavailable
+from juicer.pages.addresses import lineage_of
 from stages.runtime.isolation import warm_up
 
 if TYPE_CHECKING:
@@ -50,7 +52,7 @@ def run_flow(choice: Choice, as_json: bool) -> None:
             outcome = _run_in_prefect(config, watch)
         outcomes.append(outcome.to_json(store))
         if not as_json:
-            _say_outcome(outcome, config, store)
+            _say_outcome(outcome, config, store, find_pages(settings.folder))
     if as_json:
         # A file with several tasks is told by a list.
         say_json(outcomes[0] if len(configs) == 1 else outcomes)
@@ -218,7 +220,7 @@ def explain_stage(name: str, choice: Choice, as_json: bool) -> None:
             say(f"  {sentence}")
 
 
-def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore) -> None:
+def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore, pages: str) -> None:
     from juicer.reporting.comparison import robustness_table
     from stages.report import PAGE
 
@@ -247,5 +249,6 @@ def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore) -
         say(f"report   {folder / PAGE}")
         for video in sorted(folder.glob("*.mp4")):
             say(f"video    {video}")
-        say("pages    juicer ui   (Prefect's and MLflow's, on this machine)")
-        say(f"lineage  juicer lineage {outcome.models[-1].evaluation.id}")
+        evaluation = outcome.models[-1].evaluation
+        say("pages    juicer pages   (its episodes and lineage); juicer ui   (Prefect's and MLflow's)")
+        say(f"lineage  {lineage_of(str(evaluation), pages) if pages else f'juicer lineage {evaluation.id}'}")

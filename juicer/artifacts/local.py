@@ -91,7 +91,8 @@ class LocalBackend:
     def stamp(self, ref: ArtifactRef) -> str:
         """All that the file system says about the manifest; see :class:`~juicer.artifacts.backend.Backend`."""
         try:
-            return "-".join(map(str, written((self.folder(ref) / MANIFEST_NAME).stat())))
+            # Of ten thousand at a time, of which a Path would take twice as long.
+            return "-".join(map(str, written(os.stat(f"{self.root}/{ref}/{MANIFEST_NAME}"))))  # noqa: PTH116
         except OSError:
             return ""
 

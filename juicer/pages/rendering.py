@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup, escape
 from starlette.requests import Request
 from starlette.responses import HTMLResponse
 
@@ -15,6 +17,8 @@ from juicer.text import printable
 TEMPLATES = Path(__file__).with_name("templates")
 LONGEST_TEXT = 20_000
 """Letters of one value that a page shows."""
+
+_COMMAND = re.compile("`([^`]+)`")
 
 NAVIGATION = {
     "/": "Artifacts",
@@ -50,7 +54,7 @@ def page(request: Request, template: str, status: int = 200, **content: Any) -> 
 
 @cache
 def _environment() -> Environment:
-    return Environment(
+    environment = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=True,
         undefined=StrictUndefined,
@@ -58,6 +62,16 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["sentence"] = _sentence
+    return environment
+
+
+def _sentence(clause: str) -> Markup:
+    """A clause of an error as a sentence: commands in it stand out, and it begins with a capital letter or a name."""
+    text = printable(clause, LONGEST_TEXT)
+    if "/" not in text.partition(" ")[0]:
+        text = text[:1].upper() + text[1:]
+    return Markup(_COMMAND.sub(r"<code>\1</code>", str(escape(text)))) + "."
 
 
 def _shown(value: Any) -> Any:

@@ -105,7 +105,8 @@ def lineage_graph(
         else f'width="{width:.0f}" height="{height:.0f}"'
     )
     return (
-        f'<svg class="lineage" role="img" aria-label="Artifacts and their parents" '
+        # What an image holds cannot be reached by those who do not see it, and links are to be.
+        f'<svg class="lineage" role="{"group" if boxes.link else "img"}" aria-label="Artifacts and their parents" '
         f'viewBox="0 0 {width:.0f} {height:.0f}" {size}>'
         f"{''.join(edges)}{''.join(drawn)}</svg>"
     )

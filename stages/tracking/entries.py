@@ -177,7 +177,7 @@ def story(experiment: str, run: str, history: History, finding: str, pages: str 
     ref = history.evaluation.ref
     page = f"#/experiments/{experiment}/runs/{run}/artifacts/lineage.html"
     told = f"{history.evaluation.label} succeeded. [What it was made from]({page}); `juicer show {ref.id}`."
-    told += f" [All of it, to look through]({lineage_of(str(ref), pages)})." if pages else ""
+    told += f" [Lineage and episodes on juicer's pages]({lineage_of(str(ref), pages)})." if pages else ""
     return f"**{finding}**\n\n{told}\n" if finding else f"{told}\n"
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import uvicorn
 from starlette.testclient import TestClient
 
+from flows.servers.addresses import listen_on, port_of
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
@@ -49,6 +52,19 @@ def store(tmp_path) -> ArtifactStore:
 @pytest.fixture
 def client(store: ArtifactStore, tmp_path: Path) -> TestClient:
     return TestClient(create_application(Workplace(store, tmp_path)), headers=HTML)
+
+
+@pytest.fixture
+def address(store: ArtifactStore, tmp_path: Path) -> Iterator[str]:
+    """Where the pages are really served."""
+    with listen_on("127.0.0.1", 0) as listener:
+        application = create_application(Workplace(store, tmp_path))
+        server = uvicorn.Server(uvicorn.Config(application, log_level="error", timeout_graceful_shutdown=1))
+        thread = threading.Thread(target=server.run, args=([listener],))
+        thread.start()
+        yield f"http://127.0.0.1:{port_of(listener)}"
+        server.should_exit = True
+        thread.join()
 
 
 def commit(store: ArtifactStore, recipe: Recipe, summary: dict[str, object], fill=lambda folder: None) -> ArtifactRef:

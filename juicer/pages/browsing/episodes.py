@@ -46,6 +46,11 @@ class Line:
         """The first milestone that it did not reach; empty if it reached all."""
         return next((name for name in milestones if name not in self.milestones), "")
 
+    @property
+    def last_reached(self) -> int:
+        """Step of its latest milestone, behind which to look for what went wrong; 0 if it reached none."""
+        return max(self.milestones.values(), default=0)
+
 
 @dataclass(frozen=True)
 class EpisodeList:

@@ -14,7 +14,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from juicer.artifacts.catalog import catalog_of
-from juicer.artifacts.manifest import MANIFEST_NAME
+from juicer.artifacts.manifest import HEADLINE, LABEL, MANIFEST_NAME
 from juicer.artifacts.ref import KINDS
 from juicer.episode import Outcome
 from juicer.pages.browsing.episodes import KINDS_WITH_EPISODES, list_episodes
@@ -29,6 +29,7 @@ ItemT = TypeVar("ItemT")
 LINES = 100
 """Of a list on one page."""
 FILES = 40
+KINDS_OF_RESULTS = ("report", "evaluation", "checkpoint")
 _KEPT = {"Cache-Control": "private, max-age=3600"}
 """Images of an artifact stay what they are."""
 
@@ -90,6 +91,7 @@ def artifact(request: Request, workplace: TheWorkplace, text: str) -> Response:
     store = workplace.store
     ref = store.resolve(text)
     manifest = store.manifest(ref)
+    summary = manifest.summary
     contents = catalog_of(store, workplace.folder).contents()
     return page(
         request,
@@ -97,11 +99,12 @@ def artifact(request: Request, workplace: TheWorkplace, text: str) -> Response:
         manifest=manifest,
         entries=contents.by_ref,
         children=contents.children().get(ref, []),
-        facts=list(_facts(manifest.summary)),
+        facts=list(_facts(summary)),
         configuration=yaml.safe_dump(dict(manifest.recipe.config), sort_keys=False, allow_unicode=True),
         files=manifest.files[:FILES],
         total_bytes=sum(file.bytes for file in manifest.files),
         has_episodes=ref.kind in KINDS_WITH_EPISODES,
+        has_failures=summary.get("successes", summary.get("episodes")) != summary.get("episodes"),
         place=store.address(ref),
         manifest_name=MANIFEST_NAME,
     )
@@ -120,7 +123,7 @@ def episodes(
 ) -> Response:
     """Episodes of an artifact, or one of them step by step."""
     if not artifact:
-        return _choice(request, workplace, "Episodes", KINDS_WITH_EPISODES, first)
+        return _choice(request, workplace, "Episodes", KINDS_WITH_EPISODES, first, "No artifact holds episodes yet")
     found = list_episodes(workplace.store, workplace.store.resolve(artifact))
     if episode is not None:
         line = found.line(episode)
@@ -165,7 +168,7 @@ def episode_still(workplace: TheWorkplace, artifact: Word, episode: Number, fram
 def lineage(request: Request, workplace: TheWorkplace, artifact: Word = "", first: Number = 0) -> Response:
     """What an artifact was made from, and what was made from it."""
     if not artifact:
-        return _choice(request, workplace, "Lineage", ("report", "evaluation", "checkpoint"), first)
+        return _choice(request, workplace, "Lineage", KINDS_OF_RESULTS, first, "No policy was trained yet")
     store = workplace.store
     ref = store.resolve(artifact)
     contents = catalog_of(store, workplace.folder).contents()
@@ -187,12 +190,21 @@ def lineage_strip(workplace: TheWorkplace, artifact: Word) -> Response:
     return _jpeg(strip(workplace.store, workplace.store.resolve(artifact)))
 
 
-def _choice(request: Request, workplace: TheWorkplace, title: str, kinds: Sequence[str], first: int) -> Response:
+def _choice(
+    request: Request, workplace: TheWorkplace, title: str, kinds: Sequence[str], first: int, nothing: str
+) -> Response:
     """Artifacts that a page can be about."""
     contents = catalog_of(workplace.store, workplace.folder).contents()
     entries = [entry for entry in contents.entries if entry.ref.kind in kinds]
-    part, address = _part(request, entries, first), request.url.path
-    return page(request, "browsing/choice.html", title=title, address=address, part=part, contents=contents)
+    return page(
+        request,
+        "browsing/choice.html",
+        title=title,
+        address=request.url.path,
+        part=_part(request, entries, first),
+        contents=contents,
+        nothing=nothing,
+    )
 
 
 def _part(request: Request, lines: Sequence[ItemT], first: int) -> Part:
@@ -210,11 +222,18 @@ def _part(request: Request, lines: Sequence[ItemT], first: int) -> Part:
 
 
 def _facts(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """What is not said above already."""
     for key, value in summary.items():
-        if isinstance(value, float):
-            yield key, f"{value:.6g}"
-        else:
-            yield key, value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+        if key not in (HEADLINE, LABEL):
+            yield key.replace("_", " "), _told(value)
+
+
+def _told(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict) and all(isinstance(each, int | float) for each in value.values()):
+        return ", ".join(f"{name.replace('_', ' ')} {_told(each)}" for name, each in value.items())
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
 def _jpeg(content: bytes) -> Response:

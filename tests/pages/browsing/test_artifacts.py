@@ -108,32 +108,10 @@ def test_long_list_is_shown_in_parts(client, store):
     assert "The list ends before" in client.get("/?first=1000").text
 
 
-@pytest.fixture
-def reads(store, monkeypatch):
-    """Manifests that were read so far."""
-    read, refs = type(store).manifest, []
-
-    def counting(self, ref):
-        refs.append(ref)
-        return read(self, ref)
-
-    monkeypatch.setattr(type(store), "manifest", counting)
-    return refs
-
-
 def all_of(known):
     while (contents := known.contents()).unread:
         pass
     return contents
-
-
-def test_manifest_is_read_once_even_if_the_server_starts_anew(run, reads, tmp_path):
-    contents = all_of(catalog.Catalog(run.store, tmp_path))
-    assert sorted(reads) == sorted([run.logs, run.episodes, run.checkpoint, run.evaluation])
-    while not (tmp_path / catalog.FILE).exists():
-        pass
-    assert catalog.Catalog(run.store, tmp_path).contents() == contents
-    assert len(reads) == 4
 
 
 def test_page_of_a_large_store_does_not_wait_for_all_of_it(run, monkeypatch, tmp_path):

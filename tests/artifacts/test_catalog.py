@@ -1,0 +1,94 @@
+"""Lists know what is in a store without reading every manifest each time, and never show what is no longer so."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+import pytest
+
+from juicer.artifacts.catalog import FILE, Catalog
+from juicer.artifacts.manifest import MANIFEST_NAME
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> ArtifactStore:
+    return ArtifactStore(tmp_path / "store")
+
+
+@pytest.fixture
+def refs(store: ArtifactStore) -> list[ArtifactRef]:
+    """Three artifacts, each made from the one before."""
+    refs: list[ArtifactRef] = []
+    for stage, kind in (("record", "logs"), ("ingest", "episodes"), ("train", "checkpoint")):
+        with store.create(Recipe(stage, kind, {"parents": tuple(refs[-1:])})) as draft:
+            draft.summary["headline"] = f"made by {stage}"
+        refs.append(draft.ref)
+    return refs
+
+
+@pytest.fixture
+def reads(monkeypatch: pytest.MonkeyPatch) -> list[ArtifactRef]:
+    """Manifests that were read so far."""
+    read, refs = ArtifactStore.manifest, []
+
+    def counting(self, ref):
+        refs.append(ref)
+        return read(self, ref)
+
+    monkeypatch.setattr(ArtifactStore, "manifest", counting)
+    return refs
+
+
+def listed(store: ArtifactStore, folder: Path, kind: str | None = None) -> dict[ArtifactRef, str]:
+    """What a process that starts now lists."""
+    entries = Catalog(store, folder).whole(kind).entries
+    return {entry.ref: entry.trouble or entry.headline for entry in entries}
+
+
+def test_the_next_process_reads_no_manifest_again(store, refs, reads, tmp_path):
+    first = Catalog(store, tmp_path).whole()
+    assert [entry.ref for entry in first.entries] == refs[::-1]
+    assert sorted(reads) == sorted(refs)
+    reads.clear()
+    assert Catalog(store, tmp_path).whole() == first
+    assert reads == []
+
+
+def test_a_list_of_one_kind_reads_only_these_and_keeps_what_is_known_of_others(store, refs, reads, tmp_path):
+    assert set(listed(store, tmp_path, "episodes")) == {refs[1]}
+    assert reads == [refs[1]]
+    listed(store, tmp_path, "logs")
+    listed(store, tmp_path)
+    assert sorted(reads) == sorted(refs)
+
+
+@pytest.mark.parametrize("change", [lambda text: text[:50], lambda text: text.replace("made by", "made at")])
+def test_a_manifest_that_was_altered_since_is_found(store, refs, tmp_path, change):
+    listed(store, tmp_path)
+    path = store.cache / str(refs[1]) / MANIFEST_NAME
+    whole = path.read_text()
+    path.write_text(change(whole))
+    assert "is damaged" in listed(store, tmp_path)[refs[1]]
+    path.write_text(whole)
+    assert listed(store, tmp_path)[refs[1]] == "made by ingest"
+
+
+def test_an_artifact_that_is_gone_is_listed_no_more_and_comes_back(store, refs, tmp_path):
+    listed(store, tmp_path)
+    aside = Path(store.set_aside(refs[0]))
+    assert set(listed(store, tmp_path)) == set(refs[1:])
+    aside.rename(store.cache / str(refs[0]))
+    assert set(listed(store, tmp_path)) == set(refs)
+
+
+def test_what_is_kept_is_for_the_owner_alone(store, refs, tmp_path):
+    listed(store, tmp_path)
+    assert stat.S_IMODE((tmp_path / FILE).stat().st_mode) == 0o600
+
+
+def test_a_folder_in_which_nothing_can_be_kept_is_enough(store, refs, tmp_path):
+    assert set(listed(store, tmp_path / "nowhere")) == set(refs)
