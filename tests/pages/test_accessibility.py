@@ -39,9 +39,10 @@ PAGES = {
     "sentence": "/nowhere",
     "sentence about an artifact": "/artifacts/0123456789abcdef",
 }
-RUN = "axe.run().then(({{passes, violations}}) => ({{passes: passes.length, violations: violations.map({told})}}))".format(
-    told="({impact, id, nodes}) => [impact, id, ...nodes.map(({html}) => html)]"
-)
+RUN = """axe.run().then(({passes, violations}) => ({
+  passes: passes.length,
+  violations: violations.map(({impact, id, nodes}) => [impact, id, ...nodes.map(({html}) => html)]),
+}))"""
 
 
 @pytest.fixture(scope="module")

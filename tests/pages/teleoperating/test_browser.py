@@ -110,3 +110,22 @@ def test_a_gamepad_drives_too(serve, tmp_path, browser):
         assert shown(browser, "phase") == "recording"
         browser.evaluate("window.dispatchEvent(new Event('gamepaddisconnected')); navigator.getGamepads = () => []")
         browser.until("teleop.status.phase === 'paused'")
+
+
+OVERTAKEN = """
+import('/static/teleop/screen.js').then(async ({Screen}) => {
+  const source = new OffscreenCanvas(640, 480), place = document.createElement('div');
+  Object.assign(source.getContext('2d'), {fillStyle: '#fff'}).fillRect(0, 0, 640, 480);
+  const jpeg = await (await source.convertToBlob({type: 'image/jpeg'})).arrayBuffer();
+  const screen = new Screen(place, [{name: 'front', title: 'Front', width: 64, height: 48}]);
+  const frames = [{number: 1, images: [jpeg]}, {number: 2, images: [null]}];
+  await Promise.all(frames.map((frame) => screen.paint({heard: -1, movedBy: -1, ...frame})));
+  return [...place.querySelector('canvas').getContext('2d').getImageData(32, 24, 1, 1).data];
+})
+"""
+
+
+def test_an_image_is_shown_even_if_a_later_frame_without_it_is_here_first(serve, tmp_path, browser):
+    with serve(tmp_path) as server:
+        browser.goto(server.teleop)
+        assert browser.evaluate(OVERTAKEN) == [255, 255, 255, 255]

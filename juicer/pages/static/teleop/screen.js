@@ -23,7 +23,7 @@ export class Screen {
   #paints = [];
   #lastNumber = -1;
   #dropped = 0;
-  #painting = 0;
+  #painted = [];
 
   constructor(place, panes) {
     const policies = document.createElement("div");
@@ -60,19 +60,22 @@ export class Screen {
     this.#sentAt.clear();
     this.#waiting.clear();
     this.#lastNumber = -1;
+    this.#painted = [];
   }
 
-  /** Paints a frame; resolves once it is on the screen, or at once if a newer one was painted before. */
+  /** Paints a frame; resolves once it is on the screen. */
   async paint(frame) {
     const bitmaps = await Promise.all(
       frame.images.map((jpeg) => (jpeg ? createImageBitmap(new Blob([jpeg], { type: "image/jpeg" })) : null)),
     );
-    if (frame.number < this.#painting) return;
-    this.#painting = frame.number;
     await new Promise(requestAnimationFrame);
     bitmaps.forEach((bitmap, index) => {
       const canvas = this.#canvases[index];
-      if (bitmap && canvas) canvas.drawImage(bitmap, 0, 0, canvas.canvas.width, canvas.canvas.height);
+      // A frame holds only the images that are new, and one that holds few is here before an earlier one that holds all.
+      if (bitmap && canvas && frame.number > (this.#painted[index] ?? -1)) {
+        canvas.drawImage(bitmap, 0, 0, canvas.canvas.width, canvas.canvas.height);
+        this.#painted[index] = frame.number;
+      }
       bitmap?.close();
     });
     this.#count(frame);
@@ -81,7 +84,7 @@ export class Screen {
   #count({ number, heard, movedBy }) {
     const now = performance.now();
     if (this.#lastNumber >= 0) this.#dropped += Math.max(number - this.#lastNumber - 1, 0);
-    this.#lastNumber = number;
+    this.#lastNumber = Math.max(this.#lastNumber, number);
     this.#paints.push(now);
     while (this.#paints[0] < now - 2000) this.#paints.shift();
     collect(this.#sentAt, heard, this.#latencies, now);
