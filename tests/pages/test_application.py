@@ -89,6 +89,13 @@ def test_foreign_text_in_an_address_is_escaped(client):
     assert "&lt;script&gt;\\u202e" in answer.text
 
 
+def test_commands_stand_out_in_a_sentence_and_foreign_text_in_it_is_escaped(client):
+    text = client.get("/artifacts/0123456789abcdef", headers=HTML).text
+    assert "No artifact answers to &#39;0123456789abcdef&#39;" in text
+    assert "list them with <code>juicer ls</code>." in text
+    assert "<code>&lt;b&gt;</code>" in client.get("/artifacts/`<b>`", headers=HTML).text
+
+
 def test_large_body_is_refused(client):
     answer = client.post("/length", content=b"x" * (MOST_BODY_BYTES + 1))
     assert answer.status_code == 413

@@ -230,7 +230,9 @@ def _facts(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 def _told(value: Any) -> str:
     if isinstance(value, float):
-        return f"{value:.6g}"
+        return f"{value:.0f}" if value.is_integer() else f"{value:.6g}"
+    if isinstance(value, list) and all(isinstance(each, str) for each in value):
+        return ", ".join(value)
     if isinstance(value, dict) and all(isinstance(each, int | float) for each in value.values()):
         return ", ".join(f"{name.replace('_', ' ')} {_told(each)}" for name, each in value.items())
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

@@ -81,7 +81,7 @@ def test_damaged_manifest_is_listed_with_what_is_wrong_until_it_is_mended(client
     path = run.store.open(run.checkpoint) / MANIFEST_NAME
     whole = path.read_bytes()
     path.write_bytes(whole[:50])
-    assert f"artifact {run.checkpoint} is damaged" in client.get("/").text
+    assert f"Artifact {run.checkpoint} is damaged" in client.get("/").text
     answer = client.get(f"/artifacts/{run.checkpoint}")
     assert answer.status_code == 409
     assert "juicer repair" in answer.text

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import io
 import re
+from dataclasses import replace
 
 import numpy as np
 import PIL.Image
 import pytest
 
 from juicer.artifacts.recipe import Recipe
+from juicer.episode import Outcome
 from juicer.pages.browsing.frames import FRAME_HEIGHT, FRAME_WIDTH, SHEET_COLUMNS
 from juicer.storage.episodes import write_episodes
 from tests.pages.conftest import commit
@@ -27,7 +29,8 @@ def test_episodes_are_listed_with_links_to_those_kept(client, run):
 
 def test_evaluation_lists_every_episode_and_shows_those_that_it_kept(client, run):
     text = client.get("/episodes", params={"artifact": str(run.evaluation)}).text
-    assert linked(text) == [0]
+    assert linked(text) == [0, 1]
+    assert text.count("<img") == 1
     assert "✗ timeout" in text
     shown = client.get("/episodes", params={"artifact": str(run.evaluation), "episode": 1})
     assert f"juicer replay {run.evaluation.id} --episode 1" in shown.text
@@ -41,6 +44,21 @@ def test_failures_are_chosen(client, run, asked, seeds):
     text = client.get("/episodes", params={"artifact": str(run.evaluation), **asked}).text
     assert ("✗ timeout" in text) is (77 in seeds)
     assert ("✓ success" in text) is (77 not in seeds)
+
+
+def test_failure_leads_to_the_step_of_its_last_milestone_and_says_what_was_missed(client, store, insertions):
+    record = replace(insertions[0].record, outcome=Outcome.TIMEOUT, milestones={"top_placed": 3, "leg_lifted": 8})
+    ref = commit(
+        store,
+        Recipe("collect", "episodes"),
+        {"episodes": 1, "successes": 0},
+        lambda folder: write_episodes(folder, [replace(insertions[0], record=record)], {}),
+    )
+    assert f'href="/episodes?artifact={ref}&amp;outcome=failure"' in client.get(f"/artifacts/{ref}").text
+    failures = client.get("/episodes", params={"artifact": str(ref), "outcome": "failure"}).text
+    assert f'href="/episodes?artifact={ref}&amp;episode=0&amp;frame=8">✗ leg upright</a>' in failures
+    episode = client.get("/episodes", params={"artifact": str(ref), "episode": 0}).text
+    assert "leg upright was not reached" in episode
 
 
 def test_address_of_a_frame_opens_there(client, run):
