@@ -32,6 +32,7 @@ PAGES = (
     "/lineage",
     "/artifacts/{}",
     "/lineage?artifact={}",
+    "/annotate",
 )
 
 

@@ -89,9 +89,10 @@ def open_run(
 
 def expect(context: RunContext, planned: list[PlannedCall]) -> None:
     """Tell the progress lines what is to come, and how long the like of it took before."""
-    manifests = context.session.store.list()
-    seconds = {_kind_of_work(manifest.recipe): manifest.seconds for manifest in manifests}
     to_come = [entry for entry in planned if not entry.exists]
+    kinds = {entry.call.recipe.kind for entry in to_come}
+    manifests = (manifest for kind in kinds for manifest in context.session.store.list(kind))
+    seconds = {_kind_of_work(manifest.recipe): manifest.seconds for manifest in manifests}
     context.board.expect(
         {(entry.stage, entry.label): seconds.get(_kind_of_work(entry.call.recipe)) for entry in to_come}
     )

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup, escape
 from starlette.requests import Request
 from starlette.responses import HTMLResponse
 
@@ -17,8 +15,6 @@ from juicer.text import printable
 TEMPLATES = Path(__file__).with_name("templates")
 LONGEST_TEXT = 20_000
 """Letters of one value that a page shows."""
-
-_COMMAND = re.compile("`([^`]+)`")
 
 NAVIGATION = {
     "/": "Artifacts",
@@ -62,16 +58,13 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["sentence"] = _sentence
+    environment.filters["begun"] = _begun
     return environment
 
 
-def _sentence(clause: str) -> Markup:
-    """A clause of an error as a sentence: commands in it stand out, and it begins with a capital letter or a name."""
-    text = printable(clause, LONGEST_TEXT)
-    if "/" not in text.partition(" ")[0]:
-        text = text[:1].upper() + text[1:]
-    return Markup(_COMMAND.sub(r"<code>\1</code>", str(escape(text)))) + "."
+def _begun(clause: str) -> str:
+    """With a capital letter, unless it begins with the name of an artifact."""
+    return clause if "/" in clause.partition(" ")[0] else clause[:1].upper() + clause[1:]
 
 
 def _shown(value: Any) -> Any:

@@ -15,12 +15,14 @@ from juicer.annotation.measures import measure
 from juicer.annotation.rewriting import text_of
 from juicer.annotation.standing import SAME_STEPS, agreed_labels, standing
 from juicer.annotation.versions import Key, read_versions
+from juicer.artifacts.catalog import catalog_of
 from juicer.errors import AnnotationConflict
-from juicer.pages.annotating.choosing import annotatable
+from juicer.pages.annotating.choosing import demonstrations, look
 from juicer.pages.annotating.desk import Desk, desk_of
 from juicer.pages.annotating.explaining import explain
 from juicer.pages.annotating.saying import Judged, Marks, Undo, say, take_back
 from juicer.pages.annotating.sheets import HEIGHT, STEPS, VIEWS, WIDTH
+from juicer.pages.paging import Number, part_of
 from juicer.pages.rendering import page
 from juicer.pages.workplace import TheWorkplace
 from juicer.reporting.paper import PAPER_TABLE_IV
@@ -32,9 +34,12 @@ _FOR_EVER = {"Cache-Control": "private, max-age=31536000, immutable"}
 
 
 @router.get("")
-def choose(request: Request, workplace: TheWorkplace) -> Response:
+def choose(request: Request, workplace: TheWorkplace, first: Number = 0) -> Response:
     """Which demonstrations can be annotated, and how far each set is."""
-    return page(request, "annotate_choose.html", sets=annotatable(workplace))
+    contents = catalog_of(workplace.store, workplace.folder).contents()
+    part = part_of(request, demonstrations(contents.entries), first)
+    sets = [look(workplace, entry) for entry in part.lines]
+    return page(request, "annotate_choose.html", sets=sets, part=part, contents=contents)
 
 
 @router.get("/{name}")

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar
-from urllib.parse import urlencode
+from typing import Annotated, Any
 
 import yaml
 from fastapi import APIRouter, Query
@@ -20,42 +18,17 @@ from juicer.episode import Outcome
 from juicer.pages.browsing.episodes import KINDS_WITH_EPISODES, list_episodes
 from juicer.pages.browsing.frames import SHEET_FRAMES, sheet, still, strip
 from juicer.pages.browsing.graph import graph_around
+from juicer.pages.paging import Number, Word, part_of
 from juicer.pages.rendering import page
 from juicer.pages.workplace import TheWorkplace
 from juicer.sim.env import CONTROL_HZ
 
-ItemT = TypeVar("ItemT")
-
-LINES = 100
-"""Of a list on one page."""
 FILES = 40
 KINDS_OF_RESULTS = ("report", "evaluation", "checkpoint")
 _KEPT = {"Cache-Control": "private, max-age=3600"}
 """Images of an artifact stay what they are."""
 
-Word = Annotated[str, Query(max_length=200)]
-Number = Annotated[int, Query(ge=0, le=10**9)]
-
 router = APIRouter()
-
-
-@dataclass(frozen=True)
-class Part:
-    """Some lines of a list.
-
-    Attributes:
-        lines: The lines.
-        total: How many the list has.
-        first: Which one is the first of these.
-        previous: Address of those before; empty if there are none.
-        following: Address of those after.
-    """
-
-    lines: Sequence[Any]
-    total: int
-    first: int
-    previous: str
-    following: str
 
 
 @router.get("/")
@@ -75,7 +48,7 @@ def artifacts(
         request,
         "browsing/artifacts.html",
         contents=contents,
-        part=_part(request, entries, first),
+        part=part_of(request, entries, first),
         asked={"kind": kind, "stage": stage, "task": task, "text": text},
         kinds=[name for name in KINDS if any(entry.ref.kind == name for entry in contents.entries)],
         stages=sorted({entry.stage for entry in contents.entries} - {""}),
@@ -134,7 +107,7 @@ def episodes(
         request,
         "browsing/episodes.html",
         found=found,
-        part=_part(request, found.chosen(outcome, lacking), first),
+        part=part_of(request, found.chosen(outcome, lacking), first),
         asked={"outcome": outcome, "lacking": lacking},
         outcomes=["failure", *(each for each in Outcome if any(line.outcome is each for line in found.lines))],
         lackings=[
@@ -201,23 +174,9 @@ def _choice(
         "browsing/choice.html",
         title=title,
         address=request.url.path,
-        part=_part(request, entries, first),
+        part=part_of(request, entries, first),
         contents=contents,
         nothing=nothing,
-    )
-
-
-def _part(request: Request, lines: Sequence[ItemT], first: int) -> Part:
-    def address(start: int) -> str:
-        return f"{request.url.path}?{urlencode({**request.query_params, 'first': start})}"
-
-    end = first + LINES
-    return Part(
-        lines[first:end],
-        len(lines),
-        first,
-        previous=address(max(0, first - LINES)) if first else "",
-        following=address(end) if end < len(lines) else "",
     )
 
 
