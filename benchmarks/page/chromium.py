@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import connect
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 STARTING_S = 60.0
@@ -25,7 +25,11 @@ _NUMBERS = {
 
 
 class Chromium:
-    """One browser with one page, of a profile of its own."""
+    """One browser with one page, of a profile of its own.
+
+    Attributes:
+        debugger: Address of its debugging socket, for whoever wants to look on.
+    """
 
     def __init__(self, profile: Path, size: tuple[int, int] = (1280, 800), options: Sequence[str] = ()) -> None:
         """Start it with an empty page."""
@@ -40,7 +44,8 @@ class Chromium:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )  # fmt: skip
-        self._socket = self._connected()
+        self.debugger = self._found()
+        self._socket = connect(self.debugger, max_size=None, proxy=None)
         self._number = 0
         for domain in ("Page", "Runtime", "Network"):
             self.call(f"{domain}.enable")
@@ -55,7 +60,7 @@ class Chromium:
         """Close it."""
         self.close()
 
-    def _connected(self) -> ClientConnection:
+    def _found(self) -> str:
         found = self._profile / "DevToolsActivePort"
         until = time.monotonic() + STARTING_S
         while time.monotonic() < until:
@@ -63,7 +68,7 @@ class Chromium:
                 port = int(found.read_text().splitlines()[0])
                 with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list", timeout=5) as answer:
                     pages = [each for each in json.load(answer) if each["type"] == "page"]
-                return connect(pages[0]["webSocketDebuggerUrl"], max_size=None, proxy=None, origin=None)
+                return str(pages[0]["webSocketDebuggerUrl"])
             except (OSError, ValueError, IndexError):
                 time.sleep(0.1)
         self._process.kill()

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.page.chromium import Chromium
-from benchmarks.page.hands import DISCARD, GRIPPER, Hands
+from benchmarks.page.hands import DISCARD, GRIPPER, UNDO, Hands
 
 SEEN = ("numbers", "gripper_closes", "step", "acted", "phase", "seed")
+MOST_UNDOS = 3
+"""Times that some seconds are taken back after a part was lost."""
 LOOK = f"JSON.stringify([{', '.join(f'teleop.status.{name}' for name in SEEN)}])"
 
 
@@ -25,6 +27,8 @@ class Driven:
         seconds: How long it took.
         steps: Control steps.
         acted: Of these, the ones in which the hands wanted something.
+        presses: Of keys.
+        undos: Times that some seconds were taken back.
     """
 
     seed: int
@@ -32,6 +36,8 @@ class Driven:
     seconds: float
     steps: int
     acted: int
+    presses: int
+    undos: int
 
 
 def begin(browser: Chromium, address: str, task: str = "one_leg") -> None:
@@ -49,22 +55,28 @@ def begin(browser: Chromium, address: str, task: str = "one_leg") -> None:
 def drive(browser: Chromium, hands: Hands, most_seconds: float) -> Driven:
     """Drive until the episode ends, or time runs out; what is no success is discarded, and another state begins."""
     held: set[str] = set()
-    seen, began = -1, time.monotonic()
+    seen, presses, undos, began = -1, 0, 0, time.monotonic()
     while True:
         numbers, closes, step, acted, phase, seed = json.loads(browser.evaluate(LOOK))
         seconds = time.monotonic() - began
-        if phase == "over" or seconds > most_seconds:
+        success = phase == "over" and browser.evaluate(f"teleop.status.kept[0]?.name.startsWith('{seed:08d}') ?? false")
+        if success or seconds > most_seconds or (phase == "over" and undos == MOST_UNDOS):
             break
-        if step != seen or not held:
+        if phase == "over":
+            held, undos = browser.hold((), held), undos + 1
+            browser.press(UNDO)
+            browser.until("teleop.status.phase !== 'over'")
+            hands.begin_anew()
+        elif step != seen or not held:
             seen = step
             keys = hands.look({name: np.array(values, np.float32) for name, values in numbers.items()}, closes)
+            presses += len(keys.held - held) + keys.toggles
             held = browser.hold(keys.held, held)
             if keys.toggles:
                 browser.press(GRIPPER)
         time.sleep(0.005)
     browser.hold((), held)
-    success = browser.evaluate(f"teleop.status.kept[0]?.name.startsWith('{seed:08d}') ?? false")
     if not success:
         browser.press(DISCARD)
     browser.until(f"teleop.status.seed !== {seed}")
-    return Driven(seed, success, seconds, step, acted)
+    return Driven(seed, success, seconds, step, acted, presses, undos)

@@ -35,7 +35,8 @@ KEYS = {
     for axis, name in enumerate(AXES)
     for sign, way in ((1, "plus"), (-1, "minus"))
 }
-SLOW, GRIPPER, DISCARD = key_of(Motion.SLOW), key_of(Action.GRIPPER), key_of(Action.DISCARD)
+SLOW = key_of(Motion.SLOW)
+GRIPPER, UNDO, DISCARD = map(key_of, (Action.GRIPPER, Action.UNDO_MORE, Action.DISCARD))
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,12 @@ class Hands:
 
     def __init__(self, task: str, seed: int) -> None:
         """Draw the habits of this demonstration."""
-        self._operator = ScriptedOperator(get_task(task), stream(seed, "hands"))
+        self._task, self._rng = get_task(task), stream(seed, "hands")
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Forget what one was about to do: the world is not as it was."""
+        self._operator = ScriptedOperator(self._task, self._rng)
         self._rest = np.zeros(6)
 
     def look(self, shown: Mapping[str, NDArray[np.float32]], gripper_closes: bool) -> Keys:
