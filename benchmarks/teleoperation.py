@@ -18,18 +18,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.page.chromium import Chromium
-from benchmarks.page.driving import begin
+from benchmarks.page.driving import COUNT_PAUSES, begin
 from benchmarks.page.server import serving
 from benchmarks.page.slow_line import SlowLine
 
 TICKS_S = 0.01
 COUNTED = "JSON.stringify([teleop.figures.dropped, teleop.status.step])"
-COUNT_PAUSES = """
-teleop.pauses = 0;
-new MutationObserver(() => { teleop.pauses += document.querySelector('#state').dataset.phase === 'paused' })
-  .observe(document.querySelector('#state'), {attributes: true});
-"""
-"""That nothing was heard of the operator for too long is told as a pause."""
 
 
 def cpu_s(pid: int) -> float:

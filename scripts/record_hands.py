@@ -1,4 +1,4 @@
-"""Record the page of teleoperation while hands drive one_leg, for README.md, as an animated image.
+"""Record the page of teleoperation while scripted hands drive one_leg, for README.md, as an animated image.
 
 MUJOCO_GL=egl python -m scripts.record_hands [--output docs/images/hands.webp]
 """
@@ -24,7 +24,7 @@ from benchmarks.page.driving import begin, drive
 from benchmarks.page.hands import Hands
 from benchmarks.page.server import serving
 
-SIZE = (1280, 800)
+SIZE = (1360, 850)
 SHOWN = (800, 500)
 """Pixels of the animation."""
 SPEED = 4
@@ -32,6 +32,8 @@ SPEED = 4
 FRAME_S = 0.125
 LAST_S = 2.5
 """How long the end stays."""
+FIRST_S = 0.5
+"""What is left out at the beginning, when not every image has arrived."""
 
 
 class Onlooker:
@@ -40,7 +42,7 @@ class Onlooker:
     def __init__(self, browser: Chromium) -> None:
         """Connect."""
         self.seen: list[tuple[float, bytes]] = []
-        self._socket = connect(browser.debugger, max_size=None, proxy=None)
+        self._socket = connect(browser.debugger, max_size=None, proxy=None, ping_interval=None)
         self._thread = threading.Thread(target=self._look, daemon=True)
 
     def __enter__(self) -> Self:
@@ -52,6 +54,7 @@ class Onlooker:
 
     def __exit__(self, *_: object) -> None:
         """Look no more."""
+        self._say("Page.stopScreencast")
         self._socket.close()
         self._thread.join()
 
@@ -83,22 +86,27 @@ def main() -> None:
             if drive(browser, Hands("one_leg", number), 300).success:
                 break
         browser.until("teleop.status.kept[0].verification.verdict === 'verified'", 120)
-        time.sleep(1)
-        seen = list(onlooker.seen)
-    write(options.output, seen)
+        time.sleep(1)  # the next scene is drawn
+        browser.screenshot(folder / "last.png")
+        write(options.output, onlooker.seen, (folder / "last.png").read_bytes())
 
 
-def write(path: Path, seen: list[tuple[float, bytes]]) -> None:
-    """Write an animation of moments at equal distances."""
-    start, end = seen[0][0], seen[-1][0]
+def write(path: Path, seen: list[tuple[float, bytes]], last: bytes) -> None:
+    """Write an animation of moments at equal distances, and the last one."""
+    start, end = seen[0][0] + FIRST_S, seen[-1][0]
     frames, index = [], 0
     for number in range(int((end - start) / (SPEED * FRAME_S)) + 1):
         while index + 1 < len(seen) and seen[index + 1][0] <= start + number * SPEED * FRAME_S:
             index += 1
-        image = Image.open(io.BytesIO(seen[index][1])).convert("RGB")
-        frames.append(image.resize(SHOWN, Image.Resampling.LANCZOS))
+        frames.append(scaled(seen[index][1]))
+    frames.append(scaled(last))
     durations = [int(1000 * FRAME_S)] * (len(frames) - 1) + [int(1000 * LAST_S)]
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations, loop=0, quality=60, method=6)
+
+
+def scaled(image: bytes) -> Image.Image:
+    """An image in the size of the animation."""
+    return Image.open(io.BytesIO(image)).convert("RGB").resize(SHOWN, Image.Resampling.LANCZOS)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,12 @@ from benchmarks.page.chromium import Chromium
 from benchmarks.page.hands import DISCARD, GRIPPER, UNDO, Hands
 
 SEEN = ("numbers", "gripper_closes", "step", "acted", "phase", "seed")
+COUNT_PAUSES = """
+teleop.pauses = 0;
+new MutationObserver(() => { teleop.pauses += document.querySelector('#state').dataset.phase === 'paused' })
+  .observe(document.querySelector('#state'), {attributes: true});
+"""
+"""That nothing was heard of the operator for too long is told as a pause."""
 MOST_UNDOS = 3
 """Times that some seconds are taken back after a part was lost."""
 LOOK = f"JSON.stringify([{', '.join(f'teleop.status.{name}' for name in SEEN)}])"

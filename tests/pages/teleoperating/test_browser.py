@@ -8,9 +8,10 @@ import time
 import pytest
 
 from benchmarks.page.chromium import CHROMIUM, Chromium
-from benchmarks.page.driving import begin, drive
+from benchmarks.page.driving import COUNT_PAUSES, begin, drive
 from benchmarks.page.hands import Hands
 from benchmarks.page.server import serving
+from benchmarks.page.slow_line import SlowLine
 from juicer.demonstration.ingestion import Demonstration, IngestionConfig, ingest
 from juicer.demonstration.log import read_log
 
@@ -78,6 +79,19 @@ def test_a_key_that_is_held_when_the_page_loses_focus_is_let_go(tmp_path, browse
         time.sleep(1)
         assert shown(browser, "step") == steps
         assert browser.evaluate("document.querySelector('#phase').textContent") == "Paused"
+
+
+def test_a_line_that_is_late_and_unsteady_is_no_reason_to_pause(tmp_path, browser):
+    with SlowLine(40, jitter_ms=80) as line, serving(tmp_path, JUICER_ALLOWED_HOSTS=f"127.0.0.1:{line.port}") as server:
+        line.lead_to(server.port)
+        begin(browser, server.through(line.port).teleop)
+        browser.evaluate(COUNT_PAUSES)
+        for number in range(40):
+            browser.key_down(key := ("KeyA", "KeyD")[number % 2])
+            time.sleep(0.1)
+            browser.key_up(key)
+        assert browser.evaluate("teleop.pauses") == 0
+        assert shown(browser, "step") > 0
 
 
 def test_the_list_of_keys_is_there_and_the_question_mark_hides_it(tmp_path, browser):
