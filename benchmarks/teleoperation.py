@@ -1,29 +1,29 @@
 """From a key to the screen: what an operator feels, in headless Chromium with real rendering.
 
-    python -m benchmarks.teleoperation [--presses 60] [--delay-ms 40 --jitter-ms 15]
+    python -m benchmarks.teleoperation [--presses 60] [--delay-ms 20 --jitter-ms 10]
 
-A delay is added in each direction by half of it, by a proxy between browser and server, as a tunnel over ssh would.
+A delay is added in each direction, by a line between browser and server that is as slow as a tunnel over ssh.
 """
 
 from __future__ import annotations
 
 import argparse
-import asyncio
 import json
 import random
 import tempfile
-import threading
 import time
 from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
-from tests.pages.teleoperating.chromium import Chromium
-from tests.pages.teleoperating.conftest import serving
-from tests.pages.teleoperating.driving import begin
+from benchmarks.page.chromium import Chromium
+from benchmarks.page.driving import COUNT_PAUSES, begin
+from benchmarks.page.server import serving
+from benchmarks.page.slow_line import SlowLine
 
 TICKS_S = 0.01
+COUNTED = "JSON.stringify([teleop.figures.dropped, teleop.status.step])"
 
 
 def cpu_s(pid: int) -> float:
@@ -39,48 +39,21 @@ def cpu_s(pid: int) -> float:
     return used
 
 
-class SlowLine:
-    """A line to a port of this machine, with half of a delay in each direction; nothing overtakes."""
-
-    def __init__(self, port: int, delay_ms: float, jitter_ms: float) -> None:
-        self._port, self._delay_s, self._jitter_s = port, delay_ms / 2000, jitter_ms / 2000
-        self._loop = asyncio.new_event_loop()
-        threading.Thread(target=self._loop.run_forever, daemon=True).start()
-        self.port = asyncio.run_coroutine_threadsafe(self._listen(), self._loop).result()
-
-    async def _listen(self) -> int:
-        server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
-        return int(server.sockets[0].getsockname()[1])
-
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        there, back = await asyncio.open_connection("127.0.0.1", self._port)
-        await asyncio.gather(self._pump(reader, back), self._pump(there, writer))
-
-    async def _pump(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        due = 0.0
-        while data := await reader.read(2**16):
-            due = max(due, self._loop.time() + self._delay_s + random.uniform(0, self._jitter_s))
-            self._loop.call_at(due, writer.write, data)
-        writer.close()
-
-
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--presses", type=int, default=60)
-    parser.add_argument("--delay-ms", type=float, default=0.0)
-    parser.add_argument("--jitter-ms", type=float, default=15.0)
+    parser.add_argument("--delay-ms", type=float, default=0.0, help="in each direction")
+    parser.add_argument("--jitter-ms", type=float, default=0.0, help="up to so much more, drawn anew again and again")
     options = parser.parse_args()
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)))
-        server = stack.enter_context(serving(folder))
-        address = server.teleop
-        if options.delay_ms:
-            served = int(server.address.rpartition(":")[2])
-            port = SlowLine(served, options.delay_ms, options.jitter_ms).port
-            address = address.replace(f":{served}/", f":{port}/")
+        line = stack.enter_context(SlowLine(options.delay_ms, options.jitter_ms))
+        server = stack.enter_context(serving(folder, JUICER_ALLOWED_HOSTS=f"127.0.0.1:{line.port}"))
+        line.lead_to(server.port)
         browser = stack.enter_context(Chromium(folder / "profile"))
-        print(json.dumps(measure(browser, server.process.pid, address, options.presses), indent=1))
+        seen = server.through(line.port) if options.delay_ms or options.jitter_ms else server
+        print(json.dumps(measure(browser, server.process.pid, seen.teleop, options.presses), indent=1))
 
 
 def measure(browser: Chromium, server: int, address: str, presses: int) -> dict[str, float]:
@@ -89,8 +62,9 @@ def measure(browser: Chromium, server: int, address: str, presses: int) -> dict[
     browser.press("KeyA")
     time.sleep(3)
     heard, moved, rates = [], [], []
+    browser.evaluate(COUNT_PAUSES)
     cpu, began = (cpu_s(server), cpu_s(browser.pid)), time.monotonic()
-    dropped = browser.evaluate("teleop.figures.dropped")
+    dropped, steps = json.loads(browser.evaluate(COUNTED))
     for number in range(presses):
         key = ("KeyA", "KeyD")[number % 2]
         browser.key_down(key)
@@ -102,13 +76,16 @@ def measure(browser: Chromium, server: int, address: str, presses: int) -> dict[
         moved.append(figures["motions"][-1])
         rates.append(figures["framesPerSecond"])
     seconds = time.monotonic() - began
+    dropped_by_now, steps_by_now = json.loads(browser.evaluate(COUNTED))
     return {
         "key_to_paint_ms_median": round(float(np.median(heard)), 1),
         "key_to_paint_ms_p95": round(float(np.percentile(heard, 95)), 1),
         "key_to_motion_ms_median": round(float(np.median(moved)), 1),
         "key_to_motion_ms_p95": round(float(np.percentile(moved, 95)), 1),
         "frames_per_second": round(float(np.mean(rates)), 1),
-        "frames_dropped": browser.evaluate("teleop.figures.dropped") - dropped,
+        "frames_dropped": dropped_by_now - dropped,
+        "steps_per_second": round((steps_by_now - steps) / seconds, 2),
+        "pauses": browser.evaluate("teleop.pauses"),
         "server_cpu_percent": round(100 * (cpu_s(server) - cpu[0]) / seconds, 1),
         "browser_cpu_percent": round(100 * (cpu_s(browser.pid) - cpu[1]) / seconds, 1),
     }

@@ -47,6 +47,8 @@ def serve_pages(port: int | None, as_json: bool) -> None:
                 log_level="error",
                 server_header=False,
                 ws_max_size=MOST_MESSAGE_BYTES,
+                # Images do not get smaller by it, only later.
+                ws_per_message_deflate=False,
                 # A page that is open somewhere must not hold up the end.
                 timeout_graceful_shutdown=SHUTDOWN_SECONDS,
             )

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.pages.teleoperating.chromium import CHROMIUM, Chromium
+from benchmarks.page.chromium import CHROMIUM, Chromium
 
 AXE = "axe-core@4.14.1"
 NPM = shutil.which("npm")

@@ -7,15 +7,30 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.page.hands import GRIPPER, Hands
 from juicer.demonstration.log import OperatorLog
 from juicer.demonstration.recording import recordings
 from juicer.expert.operator import scripted_operators
+from juicer.teleoperation.controls import ControllerState, Controls
 from juicer.teleoperation.logs import Logs
 from juicer.teleoperation.verification import Verifier
 from juicer.teleoperation.work import Choice, Work
-from tests.teleoperation.hands import assemble
 
 MakeWork = Callable[..., Work]
+
+
+def assemble(work: Work, seed: int, most_steps: int = 1200) -> None:
+    """Drive an episode to its end without a page in between."""
+    hands, controls, toggles = Hands(work.choice.task, seed), Controls(), 0
+    for sequence in range(most_steps):
+        keys = hands.look(work.take.observation, work.gripper_closes)
+        toggles += keys.toggles
+        state = ControllerState(source="keyboard", sequence=sequence, held=keys.held, edges={GRIPPER: toggles})
+        intent = controls.intent(state)
+        work.obey(intent.presses)
+        work.step(intent, present=True, source=state.source)
+        if work.ending:
+            return
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from juicer.teleoperation.key_maps import Action
 from juicer.teleoperation.logs import DRAFTS
 from juicer.teleoperation.status import Phase
 from juicer.teleoperation.work import IDLE_STEPS, STANDING_STEPS, Ending
+from tests.teleoperation.conftest import assemble
 
 LEFT = Intent(twist=(0.0, -0.1, 0.0, 0.0, 0.0, 0.0))
 STILL = Intent()
@@ -183,8 +184,6 @@ def test_what_the_disk_refuses_stays_in_hand_until_it_is_written(make_work, tmp_
     work = make_work()
     obstacle = tmp_path / f"{work.take.seed:08d}.npz"
     obstacle.mkdir()
-    from tests.teleoperation.hands import assemble
-
     assemble(work, seed=1)
     assert work.ending is Ending.NOT_WRITTEN
     assert "cannot be written" in work.sentence

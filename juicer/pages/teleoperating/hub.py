@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from juicer.errors import ConfigError, RefusedMessage, UnusableDraft, did_you_mean
+from juicer.pages.teleoperating.under_way import UnderWay
 from juicer.pages.teleoperating.wire import Begin, Pace, Resume
 from juicer.sim.env import STEP_S
 from juicer.tasks.registry import TASK_NAMES
@@ -27,8 +28,6 @@ from juicer.text import printable
 
 MOST_DRAFTS = 10
 """Interrupted episodes that are offered, the latest first."""
-CREDIT = 2
-"""Frames that may be on their way to a page: so many that none waits, and no more, so that none queues."""
 
 
 class Client:
@@ -36,7 +35,7 @@ class Client:
 
     Attributes:
         news: Set when there may be something to be sent.
-        credit: Frames that may still be sent before the page acknowledges one.
+        under_way: Frames that it has not acknowledged yet.
         number: Number of the frame that it has; -1 before the first.
         sent: By name of the pane, the number of the image that it has.
         wants_numbers: Whether it asked for the observation as numbers, too.
@@ -49,7 +48,7 @@ class Client:
         """Begin with the connection."""
         self.news = asyncio.Event()
         self._loop = asyncio.get_running_loop()
-        self.credit = CREDIT
+        self.under_way = UnderWay()
         self.number = -1
         self.sent: dict[str, int] = {}
         self.wants_numbers = False

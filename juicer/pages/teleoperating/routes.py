@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from typing import Any
@@ -15,7 +16,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from juicer.errors import JuicerError, RefusedMessage
 from juicer.pages.rendering import page
-from juicer.pages.teleoperating.hub import CREDIT, Client, Hub
+from juicer.pages.teleoperating.hub import Client, Hub
 from juicer.pages.teleoperating.wire import Acknowledge, Begin, Pace, Resume, packed, parse_command
 from juicer.teleoperation.messages import MOST_BYTES
 
@@ -74,10 +75,10 @@ async def _send(socket: WebSocket, hub: Hub, client: Client) -> None:
             await socket.send_text(json.dumps({"kind": "status", **news}))
             told = status
         frame = hub.frame
-        if frame and frame.pictures and client.credit and frame.snapshot.number != client.number:
-            client.credit -= 1
+        if frame and frame.pictures and not client.under_way.is_full and frame.snapshot.number != client.number:
             data = packed(frame, client.sent)
             client.number = frame.snapshot.number
+            client.under_way.send(client.number, time.monotonic())
             client.sent = {name: picture.number for name, picture in frame.pictures.items()}
             await socket.send_bytes(data)
         await client.news.wait()
@@ -114,7 +115,7 @@ async def _obey(hub: Hub, client: Client, text: str) -> None:
         state = client.reader.read(text)
         hub.hear(client, state)
     elif isinstance(command, Acknowledge):
-        client.credit = min(client.credit + 1, CREDIT)
+        client.under_way.painted(command.number, time.monotonic())
         client.news.set()
     elif isinstance(command, Begin):
         await hub.begin(client, command)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.browser import CHROMIUM, Browser
+from benchmarks.page.chromium import CHROMIUM, Chromium
 
 NAMES = "MAP evil.example 127.0.0.1, MAP rebound.example 127.0.0.1"
 ATTACK = Path(__file__).with_name("attack.js")
@@ -19,7 +19,7 @@ ATTACK = Path(__file__).with_name("attack.js")
 def browser(tmp_path):
     if CHROMIUM is None:
         pytest.skip("there is no Chromium on this machine")
-    opened = Browser(tmp_path / "profile", ("--disable-popup-blocking", f"--host-resolver-rules={NAMES}"))
+    opened = Chromium(tmp_path / "profile", options=("--disable-popup-blocking", f"--host-resolver-rules={NAMES}"))
     yield opened
     opened.close()
 
@@ -70,12 +70,12 @@ def test_a_foreign_page_reads_and_writes_nothing(browser, elsewhere, servers, ju
 
     # The worst case: the user has given both passwords to this browser.
     browser.open(f"{prefect.url}/v2/login")
-    browser.run(f"localStorage.setItem('prefect-password', btoa({json.dumps(prefect.password)}))")
+    browser.evaluate(f"localStorage.setItem('prefect-password', btoa({json.dumps(prefect.password)}))")
     told = json.dumps({"headers": {"Authorization": prefect.basic}})
-    assert browser.run(f"fetch('/api/admin/version', {told}).then(answer => answer.status)") == 200
+    assert browser.evaluate(f"fetch('/api/admin/version', {told}).then(answer => answer.status)") == 200
     browser.open(mlflow.url.replace("//", f"//{mlflow.password}@") + mlflow.reads)
     browser.open(f"{mlflow.url}/")
-    assert browser.run(f"fetch({json.dumps(mlflow.reads)}).then(answer => answer.status)") == 200
+    assert browser.evaluate(f"fetch({json.dumps(mlflow.reads)}).then(answer => answer.status)") == 200
 
     browser.open(elsewhere)
     names = ("127.0.0.1", "localhost", "rebound.example")
@@ -87,15 +87,15 @@ def test_a_foreign_page_reads_and_writes_nothing(browser, elsewhere, servers, ju
         "sockets": [f"ws://{name}:{prefect.port}/api/events/{way}" for name in names for way in ("in", "out")],
         "token": prefect.password,
     }
-    outcomes = browser.run(ATTACK.read_text().replace("TARGETS", json.dumps(targets)))
+    outcomes = browser.evaluate(ATTACK.read_text().replace("TARGETS", json.dumps(targets)))
     assert len(outcomes) > 60
     assert {name: outcome for name, outcome in outcomes.items() if outcome != "nothing"} == {}
 
     # To the browser, a name that has been made to point here is one with the server.
     for server in (prefect, mlflow):
         browser.open(f"http://rebound.example:{server.port}{server.page}")
-        assert "does not answer to that host name" in browser.run("document.body.innerText")
-        assert browser.run(f"fetch({json.dumps(server.reads)}).then(answer => answer.status)") == 403
+        assert "does not answer to that host name" in browser.evaluate("document.body.innerText")
+        assert browser.evaluate(f"fetch({json.dumps(server.reads)}).then(answer => answer.status)") == 403
 
     assert snapshot(prefect, mlflow, deployment) == before
     assert list(Path(mlflow.start).iterdir()) == []

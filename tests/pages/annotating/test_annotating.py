@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import os
 import re
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -13,11 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.page.chromium import CHROMIUM, Chromium
+from benchmarks.page.marking import READY, begin
+from benchmarks.page.server import Server, serving
 from juicer.annotation.measures import measure
 from juicer.annotation.standing import agreed_labels
 from juicer.annotation.versions import Entry, read_versions, save
 from juicer.reporting.paper import PAPER_TABLE_IV
-from tests.browser import CHROMIUM, Browser
 from tests.pages.annotating.conftest import RIGHT_STEP
 
 pytestmark = [
@@ -27,52 +26,26 @@ pytestmark = [
 
 OFF = (10,) * 5 + (-1,) * 2 + (-11,) * 3
 """By how much ten proposals are wrong."""
-READY = "document.querySelector('#judging:not([hidden])')?.ariaBusy === 'false'"
 
 
 @pytest.fixture
-def served(tmp_path: Path) -> Iterator[tuple[str, str]]:
-    """Address and token of the pages, as the command serves them."""
-    surroundings = {**os.environ, "JUICER_DATA": str(tmp_path / "data"), "JUICER_WORKERS": "1"}
-    command = [sys.executable, "-m", "juicer", "pages", "--json"]
-    with subprocess.Popen(command, env=surroundings, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        text = ""
-        for line in process.stdout:
-            text += line
-            if line.startswith("}") or (line.startswith("{") and line.rstrip().endswith("}")):
-                break
-        told = json.loads(text)
-        yield told["pages"], told["token"]
-        process.terminate()
+def served(tmp_path: Path) -> Iterator[Server]:
+    with serving(tmp_path / "data", JUICER_WORKERS="1") as server:
+        yield server
 
 
 @pytest.fixture
-def browser(tmp_path: Path) -> Iterator[Browser]:
-    opened = Browser(tmp_path / "profile")
-    yield opened
-    opened.close()
+def browser(tmp_path: Path) -> Iterator[Chromium]:
+    with Chromium(tmp_path / "profile") as browser:
+        yield browser
 
 
-def begin(browser: Browser, served: tuple[str, str], name: str, author: str = "Ada") -> None:
-    address, token = served
-    browser.open(f"{address}/annotate/{name}?token={token}")
-    browser.wait("!document.querySelector('#judging').hidden")
-    browser.run("document.querySelector('#author').focus()")
-    browser.type(author)
-    browser.press("Enter")
-
-
-def press(browser: Browser, *keys: str) -> None:
-    for key in keys:
-        browser.press(key.removeprefix("Shift+"), shift=key.startswith("Shift+"))
-
-
-def correct(browser: Browser, off: int) -> int:
+def correct(browser: Chromium, off: int) -> int:
     """Press the arrows that lead from a wrong proposal to the right step; gives how many."""
     tens, ones = divmod(abs(off), 10)
     arrow = "ArrowLeft" if off > 0 else "ArrowRight"
-    press(browser, *[f"Shift+{arrow}"] * tens, *[arrow] * ones)
+    for number in range(tens + ones):
+        browser.press(arrow, shift=number < tens)
     return tens + ones
 
 
@@ -81,14 +54,14 @@ def test_fifty_proposals_are_judged_and_ten_wrong_ones_corrected(fill, served, b
     begin(browser, served, ref.id)
     started, keys = time.monotonic(), 0
     for _ in range(50):
-        browser.wait(READY)
-        told = browser.run("document.querySelector('#doubt').textContent")
+        browser.until(READY)
+        told = browser.evaluate("document.querySelector('#doubt').textContent")
         proposed = int(re.search(r"step (\d+)", told).group(1))
         keys += correct(browser, proposed - RIGHT_STEP) + 1
         browser.press("Enter")
-    browser.wait("document.querySelector('#progress').textContent.startsWith('50 of 50 marked, 0 to go')")
+    browser.until("document.querySelector('#progress').textContent.startsWith('50 of 50 marked, 0 to go')")
     seconds = time.monotonic() - started
-    browser.wait("document.querySelector('#judging').hidden")
+    browser.until("document.querySelector('#judging').hidden")
     end = time.monotonic() + 30
     while len(read_versions(versions)) < 50 and time.monotonic() < end:
         time.sleep(0.05)
@@ -116,36 +89,36 @@ def test_fifty_proposals_are_judged_and_ten_wrong_ones_corrected(fill, served, b
 def test_what_is_sure_is_accepted_together_after_a_sample_of_five(fill, served, browser, versions):
     begin(browser, served, fill((0,) * 30).id)
     for _ in range(5):
-        browser.wait(READY)
+        browser.until(READY)
         browser.press("Enter")
-    browser.wait("!document.querySelector('#offer').hidden")
-    browser.press("a")
+    browser.until("!document.querySelector('#offer').hidden")
+    browser.press("KeyA")
     for _ in range(5):
-        browser.wait(READY)
+        browser.until(READY)
         assert len(read_versions(versions)) <= 10
         browser.press("Enter")
-    browser.wait("document.querySelector('#progress').textContent.startsWith('30 of 30 marked, 0 to go')")
-    browser.wait("document.querySelector('#judging').hidden")
+    browser.until("document.querySelector('#progress').textContent.startsWith('30 of 30 marked, 0 to go')")
+    browser.until("document.querySelector('#judging').hidden")
     time.sleep(1)
     measures = measure(read_versions(versions))
     assert (measures.demonstrations, measures.keys) == (30, 11 / 30)
-    browser.press("u")
-    browser.wait("document.querySelector('#progress').textContent.startsWith('10 of 30 marked')")
+    browser.press("KeyU")
+    browser.until("document.querySelector('#progress').textContent.startsWith('10 of 30 marked')")
 
 
 def test_a_mark_that_somebody_else_made_meanwhile_is_shown_beside_ones_own(fill, served, browser, versions):
     begin(browser, served, fill((0,)).id)
-    browser.wait(READY)
+    browser.until(READY)
     save(versions, [Entry(episode=f"{0:016x}", critical_state=0, step=25, after=0, author="Bob")])
     browser.press("Enter")
-    browser.wait("!document.querySelector('#conflict').hidden")
-    shown = browser.run("document.querySelector('#conflict').textContent")
+    browser.until("!document.querySelector('#conflict').hidden")
+    shown = browser.evaluate("document.querySelector('#conflict').textContent")
     assert "Bob: step 25" in shown
     assert f"Ada (not saved yet): step {RIGHT_STEP}" in shown
     assert len(read_versions(versions)) == 1
-    browser.press("1")
-    browser.wait("document.querySelector('#conflict').hidden")
-    browser.wait("document.querySelector('#progress').textContent.startsWith('1 of 1 marked, 0 to go')")
+    browser.press("Digit1")
+    browser.until("document.querySelector('#conflict').hidden")
+    browser.until("document.querySelector('#progress').textContent.startsWith('1 of 1 marked, 0 to go')")
     time.sleep(0.5)
     (label,) = agreed_labels(read_versions(versions), versions)
     assert label.step == 25
@@ -153,31 +126,33 @@ def test_a_mark_that_somebody_else_made_meanwhile_is_shown_beside_ones_own(fill,
 
 def test_what_cannot_be_saved_is_kept_and_saved_when_it_can_be(fill, served, browser, versions):
     begin(browser, served, fill((0, 0)).id)
-    browser.wait(READY)
+    browser.until(READY)
     versions.parent.write_text("a file stands here")
     browser.press("Enter")
-    browser.wait("!document.querySelector('#trouble').hidden")
-    assert "1 not saved, but kept here" in browser.run("document.querySelector('#trouble').textContent")
+    browser.until("!document.querySelector('#trouble').hidden")
+    assert "1 not saved, but kept here" in browser.evaluate("document.querySelector('#trouble').textContent")
     versions.parent.unlink()
     browser.press("Enter")
-    browser.wait("document.querySelector('#trouble').hidden")
-    browser.wait(READY)
+    browser.until("document.querySelector('#trouble').hidden")
+    browser.until(READY)
     browser.press("Enter")
-    browser.wait("document.querySelector('#progress').textContent.startsWith('2 of 2 marked, 0 to go')")
+    browser.until("document.querySelector('#progress').textContent.startsWith('2 of 2 marked, 0 to go')")
     time.sleep(1)
     assert len(agreed_labels(read_versions(versions), versions)) == 2
 
 
 def test_letters_can_be_switched_off(fill, served, browser):
     begin(browser, served, fill((0,)).id)
-    browser.wait(READY)
+    browser.until(READY)
 
     def step() -> int:
-        return int(browser.run("document.querySelector('#timeline').getAttribute('aria-valuenow')"))
+        return int(browser.evaluate("document.querySelector('#timeline').getAttribute('aria-valuenow')"))
 
-    press(browser, "k", "k", "l", "h", "j")
-    browser.wait(f"document.querySelector('#timeline').getAttribute('aria-valuenow') === '{RIGHT_STEP + 1}'")
-    browser.run("document.querySelector('#letters').click()")
-    press(browser, "k", "l", "ArrowRight")
-    browser.wait(f"document.querySelector('#timeline').getAttribute('aria-valuenow') === '{RIGHT_STEP + 2}'")
+    for letter in "KKLHJ":
+        browser.press(f"Key{letter}")
+    browser.until(f"document.querySelector('#timeline').getAttribute('aria-valuenow') === '{RIGHT_STEP + 1}'")
+    browser.evaluate("document.querySelector('#letters').click()")
+    for code in ("KeyK", "KeyL", "ArrowRight"):
+        browser.press(code)
+    browser.until(f"document.querySelector('#timeline').getAttribute('aria-valuenow') === '{RIGHT_STEP + 2}'")
     assert step() == RIGHT_STEP + 2

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from tests.browser import CHROMIUM, Browser
+from benchmarks.page.chromium import CHROMIUM, Chromium
 
 SHOWN = "document.querySelector('#where').textContent"
 
 
 @pytest.fixture
 def browser(tmp_path):
-    browser = Browser(tmp_path / "profile")
+    browser = Chromium(tmp_path / "profile")
     yield browser
     browser.close()
 
@@ -20,15 +20,15 @@ def browser(tmp_path):
 @pytest.mark.usefixtures("drawing")
 def test_keys_go_through_an_episode_and_its_address_follows(address, browser, run):
     browser.open(f"{address}/episodes?artifact={run.episodes}&episode=0&frame=3")
-    browser.wait(f"{SHOWN}.startsWith('step 3 of')")
+    browser.until(f"{SHOWN}.startsWith('step 3 of')")
     for key, shift, shown in (("ArrowRight", "false", 4), ("ArrowRight", "true", 14), ("ArrowLeft", "false", 13)):
-        browser.run(
+        browser.evaluate(
             f"document.body.dispatchEvent(new KeyboardEvent('keydown', "
             f"{{code: '{key}', shiftKey: {shift}, bubbles: true}}))"
         )
-        assert browser.run(SHOWN).startswith(f"step {shown} of")
-    browser.wait("location.search.endsWith('frame=13')")
+        assert browser.evaluate(SHOWN).startswith(f"step {shown} of")
+    browser.until("location.search.endsWith('frame=13')")
     # The screen is drawn, and the strip below it is there.
-    browser.wait("document.querySelectorAll('#strip canvas').length > 5")
+    browser.until("document.querySelectorAll('#strip canvas').length > 5")
     pixel = "document.querySelector('#screen').getContext('2d').getImageData(100, 100, 1, 1).data[3]"
-    browser.wait(f"{pixel} === 255")
+    browser.until(f"{pixel} === 255")

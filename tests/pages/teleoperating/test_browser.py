@@ -7,11 +7,13 @@ import time
 
 import pytest
 
+from benchmarks.page.chromium import CHROMIUM, Chromium
+from benchmarks.page.driving import COUNT_PAUSES, begin, drive
+from benchmarks.page.hands import Hands
+from benchmarks.page.server import serving
+from benchmarks.page.slow_line import SlowLine
 from juicer.demonstration.ingestion import Demonstration, IngestionConfig, ingest
 from juicer.demonstration.log import read_log
-from tests.pages.teleoperating.chromium import CHROMIUM, Chromium
-from tests.pages.teleoperating.driving import begin, drive
-from tests.teleoperation.hands import Hands
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")]
 
@@ -29,13 +31,12 @@ def shown(browser: Chromium, name: str) -> object:
 
 
 @pytest.mark.timeout(1500)
-def test_hands_drive_one_leg_to_a_success_that_is_saved_and_ingested(serve, tmp_path, browser):
-    with serve(tmp_path) as server:
+def test_hands_drive_one_leg_to_a_success_that_is_saved_and_ingested(tmp_path, browser):
+    with serving(tmp_path) as server:
         begin(browser, server.teleop)
         for attempt in range(ATTEMPTS):
-            if drive(browser, Hands("one_leg", attempt), SECONDS) > 0:
+            if drive(browser, Hands("one_leg", attempt), SECONDS).success:
                 break
-            browser.press("KeyN")
         browser.until("teleop.status.kept[0].verification.verdict !== 'checking'", 120)
         assert shown(browser, "kept[0].verification.verdict") == "verified", shown(browser, "kept")
         assert shown(browser, "saved") == 1
@@ -48,8 +49,8 @@ def test_hands_drive_one_leg_to_a_success_that_is_saved_and_ingested(serve, tmp_
     assert len(read_log(path)) == demonstration.num_steps
 
 
-def test_a_killed_server_loses_nothing_of_the_episode_in_hand_and_offers_it(serve, tmp_path, browser):
-    with serve(tmp_path) as server:
+def test_a_killed_server_loses_nothing_of_the_episode_in_hand_and_offers_it(tmp_path, browser):
+    with serving(tmp_path) as server:
         begin(browser, server.teleop)
         browser.key_down("KeyA")
         browser.until("teleop.status.step >= 15")
@@ -57,8 +58,8 @@ def test_a_killed_server_loses_nothing_of_the_episode_in_hand_and_offers_it(serv
         server.kill()
         browser.key_up("KeyA")
         browser.until("!document.querySelector('#problem').hidden")
-    with serve(tmp_path) as server:
-        browser.goto(server.teleop)
+    with serving(tmp_path) as server:
+        browser.open(server.teleop)
         browser.until("!document.querySelector('#drafts').hidden")
         browser.evaluate("document.querySelector('#draft-list button').click()")
         browser.until("teleop.status.going_on && teleop.status.step > 0")
@@ -66,8 +67,8 @@ def test_a_killed_server_loses_nothing_of_the_episode_in_hand_and_offers_it(serv
         browser.until("document.querySelector('#sentence').textContent.includes('interrupted')")
 
 
-def test_a_key_that_is_held_when_the_page_loses_focus_is_let_go(serve, tmp_path, browser):
-    with serve(tmp_path) as server:
+def test_a_key_that_is_held_when_the_page_loses_focus_is_let_go(tmp_path, browser):
+    with serving(tmp_path) as server:
         begin(browser, server.teleop)
         browser.key_down("KeyA")
         browser.until("teleop.status.step >= 5")
@@ -80,8 +81,21 @@ def test_a_key_that_is_held_when_the_page_loses_focus_is_let_go(serve, tmp_path,
         assert browser.evaluate("document.querySelector('#phase').textContent") == "Paused"
 
 
-def test_the_list_of_keys_is_there_and_the_question_mark_hides_it(serve, tmp_path, browser):
-    with serve(tmp_path) as server:
+def test_a_line_that_is_late_and_unsteady_is_no_reason_to_pause(tmp_path, browser):
+    with SlowLine(40, jitter_ms=80) as line, serving(tmp_path, JUICER_ALLOWED_HOSTS=f"127.0.0.1:{line.port}") as server:
+        line.lead_to(server.port)
+        begin(browser, server.through(line.port).teleop)
+        browser.evaluate(COUNT_PAUSES)
+        for number in range(40):
+            browser.key_down(key := ("KeyA", "KeyD")[number % 2])
+            time.sleep(0.1)
+            browser.key_up(key)
+        assert browser.evaluate("teleop.pauses") == 0
+        assert shown(browser, "step") > 0
+
+
+def test_the_list_of_keys_is_there_and_the_question_mark_hides_it(tmp_path, browser):
+    with serving(tmp_path) as server:
         begin(browser, server.teleop)
         assert "towards you" in browser.evaluate("document.querySelector('#key-list').innerText")
         browser.press("Slash")
@@ -89,17 +103,17 @@ def test_the_list_of_keys_is_there_and_the_question_mark_hides_it(serve, tmp_pat
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (800, 600), (640, 400)])
-def test_nothing_of_the_page_is_cut_off_at_its_side(serve, tmp_path, browser, size):
+def test_nothing_of_the_page_is_cut_off_at_its_side(tmp_path, browser, size):
     """The last size is that of 1280x800 at 200 % text."""
-    with serve(tmp_path) as server:
+    with serving(tmp_path) as server:
         begin(browser, server.teleop)
         browser.resize(*size)
         browser.until(f"window.innerWidth === {size[0]}")
         assert browser.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
 
 
-def test_a_gamepad_drives_too(serve, tmp_path, browser):
-    with serve(tmp_path) as server:
+def test_a_gamepad_drives_too(tmp_path, browser):
+    with serving(tmp_path) as server:
         begin(browser, server.teleop)
         browser.evaluate(
             "window.pad = {connected: true, mapping: 'standard', axes: [0.9, 0, 0, 0],"

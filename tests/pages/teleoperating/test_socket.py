@@ -17,7 +17,7 @@ from flows.servers.guard import Guard
 from juicer.artifacts.store import ArtifactStore
 from juicer.pages.access import Access
 from juicer.pages.application import create_application
-from juicer.pages.teleoperating.hub import CREDIT
+from juicer.pages.teleoperating.under_way import MOST
 from juicer.pages.workplace import Workplace
 from juicer.teleoperation.messages import MOST_BYTES
 from juicer.teleoperation.painter import PANES
@@ -149,17 +149,17 @@ def test_an_image_that_has_not_changed_is_not_sent_again(page):
     assert sum(struct.unpack_from(f"<{len(PANES)}I", last, HEADER.size)) == 0
 
 
-def test_no_more_frames_are_on_their_way_than_the_credit_allows(page):
+def test_a_page_that_acknowledges_nothing_gets_no_further_frames(page):
     page.begin()
-    while len(page.frames) < 1 + CREDIT:
+    while len(page.frames) < 2:
+        page.hold("KeyA")
+        page.hear(paints=False)
+    for _ in range(30):
         page.hold("KeyA")
         page.hear(paints=False)
     unanswered = len(page.frames)
-    for _ in range(20):
-        page.hold("KeyA")
-        page.hear(paints=False)
-    assert len(page.frames) <= unanswered + 1
-    page.say({"kind": "painted", "number": 1})
+    assert unanswered <= 1 + MOST
+    page.say({"kind": "painted", "number": HEADER.unpack_from(page.frames[-1])[3]})
     page.until(lambda: len(page.frames) > unanswered, "KeyA")
 
 

@@ -1,4 +1,4 @@
-"""A real browser in tests: headless Chromium, told what to do over its own debugging protocol."""
+"""A real browser: headless Chromium, told what to do over its own debugging protocol."""
 
 from __future__ import annotations
 
@@ -8,32 +8,44 @@ import shutil
 import subprocess
 import time
 import urllib.request
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import connect
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 STARTING_S = 60.0
+
+_SHIFT = 8
+_NAMES = {"Space": " ", "ShiftLeft": "Shift", "ShiftRight": "Shift"}
+_NUMBERS = {
+    "Tab": 9, "Enter": 13, "Shift": 16, "Escape": 27, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40,
+}  # fmt: skip
 
 
 class Chromium:
-    """One browser with one page, of a profile of its own."""
+    """One browser with one page, of a profile of its own.
 
-    def __init__(self, profile: Path, size: tuple[int, int] = (1280, 800)) -> None:
+    Attributes:
+        debugger: Address of its debugging socket, for whoever wants to look on.
+    """
+
+    def __init__(self, profile: Path, size: tuple[int, int] = (1280, 800), options: Sequence[str] = ()) -> None:
+        """Start it with an empty page."""
         assert CHROMIUM, "there is no Chromium here"
         self._profile = profile
         self._process = subprocess.Popen(
             [
                 CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking",
-                "--no-first-run", "--remote-debugging-port=0", "--remote-allow-origins=*",
-                f"--user-data-dir={profile}", f"--window-size={size[0]},{size[1]}", "about:blank",
+                "--no-first-run", "--remote-debugging-port=0", f"--user-data-dir={profile}",
+                f"--window-size={size[0]},{size[1]}", *options, "about:blank",
             ],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )  # fmt: skip
-        self._socket = self._connected()
+        self.debugger = self._found()
+        self._socket = connect(self.debugger, max_size=None, proxy=None)
         self._number = 0
         for domain in ("Page", "Runtime", "Network"):
             self.call(f"{domain}.enable")
@@ -41,12 +53,14 @@ class Chromium:
         self.resize(*size)
 
     def __enter__(self) -> Self:
+        """Be closed at the end."""
         return self
 
     def __exit__(self, *_: object) -> None:
+        """Close it."""
         self.close()
 
-    def _connected(self) -> ClientConnection:
+    def _found(self) -> str:
         found = self._profile / "DevToolsActivePort"
         until = time.monotonic() + STARTING_S
         while time.monotonic() < until:
@@ -54,7 +68,7 @@ class Chromium:
                 port = int(found.read_text().splitlines()[0])
                 with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list", timeout=5) as answer:
                     pages = [each for each in json.load(answer) if each["type"] == "page"]
-                return connect(pages[0]["webSocketDebuggerUrl"], max_size=None, proxy=None)
+                return str(pages[0]["webSocketDebuggerUrl"])
             except (OSError, ValueError, IndexError):
                 time.sleep(0.1)
         self._process.kill()
@@ -62,6 +76,7 @@ class Chromium:
 
     @property
     def pid(self) -> int:
+        """Number of its process."""
         return self._process.pid
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
@@ -69,12 +84,14 @@ class Chromium:
         self._number += 1
         self._socket.send(json.dumps({"id": self._number, "method": method, "params": parameters}))
         while True:
-            answer = json.loads(self._socket.recv(timeout=60))
+            answer: dict[str, Any] = json.loads(self._socket.recv(timeout=120))
             if answer.get("id") == self._number:
                 assert "error" not in answer, answer
-                return answer["result"]
+                result: dict[str, Any] = answer["result"]
+                return result
 
-    def goto(self, address: str) -> None:
+    def open(self, address: str) -> None:
+        """Open a page as if its address had been typed."""
         self.call("Page.navigate", url=address)
         self.until("document.readyState === 'complete' && location.href !== 'about:blank'")
 
@@ -89,18 +106,23 @@ class Chromium:
         end = time.monotonic() + seconds
         while not (value := self.evaluate(expression)):
             assert time.monotonic() < end, f"never true: {expression}"
-            time.sleep(0.05)
+            time.sleep(0.02)
         return value
 
-    def key_down(self, code: str) -> None:
-        self.call("Input.dispatchKeyEvent", type="rawKeyDown", code=code, key=_key(code))
+    def key_down(self, code: str, *, shift: bool = False) -> None:
+        """Press a key, as a keyboard does, by its ``KeyboardEvent.code``, and hold it."""
+        event = _key_event(code, shift)
+        kind = "keyDown" if "text" in event else "rawKeyDown"
+        self.call("Input.dispatchKeyEvent", type=kind, **event)
 
-    def key_up(self, code: str) -> None:
-        self.call("Input.dispatchKeyEvent", type="keyUp", code=code, key=_key(code))
+    def key_up(self, code: str, *, shift: bool = False) -> None:
+        """Let go of it."""
+        self.call("Input.dispatchKeyEvent", type="keyUp", **_key_event(code, shift))
 
-    def press(self, code: str) -> None:
-        self.key_down(code)
-        self.key_up(code)
+    def press(self, code: str, *, shift: bool = False) -> None:
+        """Press and release a key."""
+        self.key_down(code, shift=shift)
+        self.key_up(code, shift=shift)
 
     def hold(self, wanted: Iterable[str], held: set[str]) -> set[str]:
         """Hold these keys and no others; the second argument is what is held now."""
@@ -111,20 +133,28 @@ class Chromium:
             self.key_down(code)
         return wanted
 
+    def type(self, text: str) -> None:
+        """Type into what has the focus."""
+        self.call("Input.insertText", text=text)
+
     def resize(self, width: int, height: int, scale: float = 1.0) -> None:
+        """Give the page another size [CSS pixels]."""
         self.call(
             "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale, mobile=False
         )
 
     def dark(self, is_dark: bool) -> None:
+        """Prefer dark colours, or light ones."""
         value = "dark" if is_dark else "light"
         self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": value}])
 
     def screenshot(self, path: Path) -> None:
+        """Write what is seen as PNG."""
         data = self.call("Page.captureScreenshot", format="png")["data"]
         path.write_bytes(base64.b64decode(data))
 
     def close(self) -> None:
+        """End it."""
         self._socket.close()
         self._process.terminate()
         try:
@@ -134,5 +164,11 @@ class Chromium:
             self._process.wait()
 
 
-def _key(code: str) -> str:
-    return code.removeprefix("Key").lower() if code.startswith("Key") else {"Space": " "}.get(code, code)
+def _key_event(code: str, shift: bool) -> dict[str, Any]:
+    key = _NAMES.get(code) or (code[-1].lower() if code[:-1] in ("Key", "Digit") else code)
+    event: dict[str, Any] = {"key": key, "code": code, "modifiers": _SHIFT if shift else 0}
+    if number := _NUMBERS.get(key, ord(key.upper()) if len(key) == 1 else 0):
+        event["windowsVirtualKeyCode"] = number
+    if text := "\r" if key == "Enter" else key if len(key) == 1 else "":
+        event["text"] = text
+    return event

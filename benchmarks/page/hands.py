@@ -17,9 +17,7 @@ from juicer.geometry import matrix_to_rotvec, rot6d_to_matrix
 from juicer.seeding import stream
 from juicer.sim.env import STEP_S
 from juicer.tasks.registry import get_task
-from juicer.teleoperation.controls import ControllerState, Controls
 from juicer.teleoperation.key_maps import DEFAULT, Action, Motion
-from juicer.teleoperation.work import Work
 
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 STEP = np.array([DEFAULT.speeds.keyboard_m_s] * 3 + [DEFAULT.speeds.keyboard_rad_s] * 3) * STEP_S
@@ -28,6 +26,7 @@ FINE = DEFAULT.speeds.slow
 
 
 def key_of(meaning: str) -> str:
+    """The first key of the default map that means something."""
     return next(key for key, bound in DEFAULT.keys.items() if bound == meaning)
 
 
@@ -36,7 +35,8 @@ KEYS = {
     for axis, name in enumerate(AXES)
     for sign, way in ((1, "plus"), (-1, "minus"))
 }
-SLOW, GRIPPER = key_of(Motion.SLOW), key_of(Action.GRIPPER)
+SLOW = key_of(Motion.SLOW)
+GRIPPER, UNDO, DISCARD = map(key_of, (Action.GRIPPER, Action.UNDO_MORE, Action.DISCARD))
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,25 @@ class Keys:
 
 
 class Hands:
+    """One operator's, for one demonstration."""
+
     def __init__(self, task: str, seed: int) -> None:
-        self._operator = ScriptedOperator(get_task(task), stream(seed, "hands"))
+        """Draw the habits of this demonstration."""
+        self._task, self._rng = get_task(task), stream(seed, "hands")
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Forget what one was about to do: the world is not as it was."""
+        self._operator = ScriptedOperator(self._task, self._rng)
         self._rest = np.zeros(6)
 
     def look(self, shown: Mapping[str, NDArray[np.float32]], gripper_closes: bool) -> Keys:
+        """Decide on what to press until the next look.
+
+        Args:
+            shown: The observation that the page shows.
+            gripper_closes: Whether the page says that the gripper is closed.
+        """
         wanted = self._operator.act(shown).action.astype(np.float64)
         now = shown["proprioception"].astype(np.float64)
         turn = matrix_to_rotvec(rot6d_to_matrix(wanted[3:9]) @ rot6d_to_matrix(now[3:9]).T)
@@ -65,17 +79,3 @@ class Hands:
         self._rest = 0.5 * np.clip(total - unit * pressed, -unit / 2, unit / 2)
         held = {KEYS[axis, int(sign)] for axis, sign in enumerate(pressed) if sign}
         return Keys(frozenset(held | ({SLOW} if fine else set())), bool(wanted[9] > 0) != gripper_closes)
-
-
-def assemble(work: Work, seed: int, most_steps: int = 1200) -> None:
-    """Drive an episode to its end without a page in between."""
-    hands, controls, toggles = Hands(work.choice.task, seed), Controls(), 0
-    for sequence in range(most_steps):
-        keys = hands.look(work.take.observation, work.gripper_closes)
-        toggles += keys.toggles
-        state = ControllerState(source="keyboard", sequence=sequence, held=keys.held, edges={GRIPPER: toggles})
-        intent = controls.intent(state)
-        work.obey(intent.presses)
-        work.step(intent, present=True, source=state.source)
-        if work.ending:
-            return
