@@ -79,14 +79,14 @@ def serious(browser: Chromium, axe: str) -> list[list[str]]:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_a_page_has_no_serious_obstacle(address, run, browser, axe, page):
-    browser.goto(address + PAGES[page].format(run=run))
+    browser.open(address + PAGES[page].format(run=run))
     if page == "annotation":
         browser.until("document.querySelector('#judging:not([hidden])')?.ariaBusy === 'false'")
     assert serious(browser, axe) == []
 
 
 def test_driving_has_no_serious_obstacle(address, run, browser, axe):
-    browser.goto(f"{address}/teleop")
+    browser.open(f"{address}/teleop")
     browser.until("document.querySelector('select[name=task]').options.length > 0")
     browser.evaluate("document.querySelector('#begin button').click()")
     browser.until("!document.querySelector('#drive').hidden && document.querySelectorAll('#panes canvas').length > 3")
@@ -97,10 +97,10 @@ def test_a_damaged_artifact_and_an_empty_store_have_no_serious_obstacle(address,
     for ref in (run.checkpoint, run.evaluation):
         (run.store.cache / str(ref) / "manifest.json").write_text("{}")
     for page in ("/", f"/artifacts/{run.checkpoint}"):
-        browser.goto(address + page)
+        browser.open(address + page)
         assert serious(browser, axe) == []
     for ref in run.store.refs():
         run.store.set_aside(ref)
-    browser.goto(address)
+    browser.open(address)
     assert "juicer run smoke" in browser.evaluate("document.body.textContent")
     assert serious(browser, axe) == []
