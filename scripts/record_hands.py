@@ -88,7 +88,8 @@ def main() -> None:
         browser.until("teleop.status.kept[0].verification.verdict === 'verified'", 120)
         time.sleep(1)  # the next scene is drawn
         browser.screenshot(folder / "last.png")
-        write(options.output, onlooker.seen, (folder / "last.png").read_bytes())
+        last = (folder / "last.png").read_bytes()
+    write(options.output, onlooker.seen, last)
 
 
 def write(path: Path, seen: list[tuple[float, bytes]], last: bytes) -> None:

@@ -45,7 +45,7 @@ class Chromium:
             stderr=subprocess.DEVNULL,
         )  # fmt: skip
         self.debugger = self._found()
-        self._socket = connect(self.debugger, max_size=None, proxy=None)
+        self._socket = connect(self.debugger, max_size=None, proxy=None, ping_interval=None)
         self._number = 0
         for domain in ("Page", "Runtime", "Network"):
             self.call(f"{domain}.enable")
