@@ -96,8 +96,8 @@ class ClaimChecker:
         sections = StateSections.of(env, states)
         steps = log.first_step + np.arange(len(states))
         shown = {name: np.vstack([log.steps[name], log.final[name]]) for name in ("proprioception", "part_poses")}
-        rewards = np.concatenate([[0], np.cumsum(log.steps["reward"])])
         before = 0 if log.parent is None else sections.assembled[0].sum()
+        counted = before + np.concatenate([[0], np.cumsum(log.steps["reward"])])
         wrong = {
             "holds values beyond all that a simulation has": (np.abs(states) > LARGEST_VALUE).any(axis=1),
             "is not of the moment of its step; record every step, from the reset on": (
@@ -109,7 +109,7 @@ class ClaimChecker:
             "has another gripper width than the recorded proprioception": _differ(
                 sections.gripper_width_m[:, None], shown["proprioception"][:, -1:]
             ),
-            "counts other assembled pairs than the rewards before it": sections.assembled.sum(axis=1) != before + rewards,
+            "counts other assembled pairs than the rewards before it": sections.assembled.sum(axis=1) != counted,
         }
         for fault, where in wrong.items():
             if where.any():

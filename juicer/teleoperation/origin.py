@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from juicer.episode import Episode, EpisodeRecord, Source
+from juicer.episode import Episode, EpisodeRecord, Outcome, Source
 from juicer.errors import EvaluationOnly, NotCorrectable
 from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.shifts import require_unshifted
@@ -58,10 +58,14 @@ def origin_of(episode: Episode, step: int) -> Origin:
         step: Its step; its length stands for the end.
 
     Raises:
-        NotCorrectable: If it is not a rollout.
+        NotCorrectable: If it is not a rollout, or has ended at that step.
         EvaluationOnly: If it is of an evaluation, or was made under a shift.
         StateMissing: If it has no simulator states, or no such step.
     """
     record = episode.record
     require_correctable(record)
+    if step == len(episode) and record.outcome is not Outcome.TIMEOUT:
+        raise NotCorrectable(
+            f"rollout {record.episode_id} has ended at step {step} ({record.outcome}); choose an earlier step"
+        )
     return Origin(record.episode_id, step, record.seed, episode.state(step))

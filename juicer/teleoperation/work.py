@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from juicer.demonstration.correction import KEPT_AFTER_TOGGLE
 from juicer.demonstration.log import MOST_STEPS
 from juicer.episode import Outcome
-from juicer.errors import DraftNotWritten, JuicerError, NotCorrectable, UnusableDraft
+from juicer.errors import DraftNotWritten, JuicerError, UnusableDraft
 from juicer.geometry import rot6d_to_matrix, rotvec_to_matrix
 from juicer.gripper import gripper_commands
 from juicer.sim.env import STEP_S, AssemblyEnv
@@ -96,7 +96,6 @@ class Work:
             ConfigError: If there is no such task or randomness.
             LogNotWritten: If the folder of the logs cannot be written.
             InvalidEpisode: If the origin's state is none of this scene.
-            NotCorrectable: If the rollout has ended at its step.
         """
         self.choice = choice
         self.logs = logs
@@ -113,10 +112,6 @@ class Work:
     def _begin(self, seed: int, note: str = "") -> None:
         choice, origin = self.choice, self._origin
         self.take = Take(self.env, seed, origin.state if origin else None)
-        if origin and self.env.outcome:
-            raise NotCorrectable(
-                f"at step {origin.step} rollout {origin.parent} has ended ({self.env.outcome}); choose an earlier step"
-            )
         self._beginning = Beginning(
             task=choice.task, randomness=choice.randomness, seed=seed, began=_now(),
             operator=choice.operator, keys=choice.keys,
@@ -315,6 +310,12 @@ class Work:
         """Begin the next episode, once the last one is kept."""
         if self.ending is Ending.KEPT:
             self._begin(self._next_seed())
+
+    @property
+    def origin(self) -> str:
+        """Where the episode in hand begins, in words."""
+        origin = self._origin
+        return f"step {origin.step} of rollout {origin.parent}" if origin else f"state {self.take.seed}"
 
     @property
     def assembled(self) -> int:

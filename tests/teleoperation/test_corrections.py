@@ -225,10 +225,11 @@ def test_a_step_that_there_is_not_is_refused(stuck):
         origin_of(stuck, len(stuck) + 1)
 
 
-def test_a_step_at_which_the_rollout_has_ended_is_refused(demonstration, begin, stuck):
-    ended = replace(origin_of(stuck, 0), state=demonstration.episode.state(len(demonstration.episode)))
-    with pytest.raises(NotCorrectable, match=r"has ended \(success\); choose an earlier step"):
-        begin(ended)
+def test_a_step_at_which_the_rollout_has_ended_is_refused_unless_it_was_time_that_ended_it(stuck):
+    lost = replace(stuck, record=replace(stuck.record, outcome=Outcome.PART_LOST))
+    with pytest.raises(NotCorrectable, match=r"has ended at step \d+ \(part_lost\); choose an earlier step"):
+        origin_of(lost, len(lost))
+    assert origin_of(stuck, len(stuck)).step == len(stuck)
 
 
 def test_a_state_of_another_scene_is_refused(begin, origin):
