@@ -1,4 +1,4 @@
-"""The pages as they are really served, by a process of their own."""
+"""The pages as they are really served, by a process of their own; and their socket, without a browser."""
 
 from __future__ import annotations
 
@@ -7,12 +7,17 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from starlette.testclient import TestClient
+
+from juicer.pages.application import create_application
+from juicer.pages.workplace import Workplace
+from tests.pages.teleoperating.talking import Page
 
 
 @dataclass
@@ -53,3 +58,29 @@ def serving(data: Path) -> Iterator[Server]:
 @pytest.fixture
 def serve():
     return serving
+
+
+@pytest.fixture
+def application(store, tmp_path):
+    return create_application(Workplace(store, tmp_path))
+
+
+@pytest.fixture
+def client(application) -> Iterator[TestClient]:
+    with TestClient(application) as client:
+        yield client
+
+
+@pytest.fixture
+def connect(client) -> Iterator[Callable[[], Page]]:
+    with ExitStack() as sockets:
+
+        def open_page() -> Page:
+            return Page(sockets.enter_context(client.websocket_connect("/teleop/live")))
+
+        yield open_page
+
+
+@pytest.fixture
+def page(connect) -> Page:
+    return connect()
