@@ -58,6 +58,10 @@ class EvaluationOnly(JuicerError):
     """Something is to be learned from an episode that is for evaluation only."""
 
 
+class NotCorrectable(JuicerError):
+    """An operator cannot go on from a step of an episode."""
+
+
 class StateMissing(JuicerError):
     """Something needs an episode's simulator states, and the episode has none."""
 

@@ -11,7 +11,7 @@ from juicer.demonstration.ingestion import Demonstration, IngestionConfig, Unusa
 from juicer.demonstration.ingestion import ingest as ingest_logs
 from juicer.demonstration.log import SUFFIX
 from juicer.demonstration.recording import minutes_of
-from juicer.episode import Episode
+from juicer.episode import Episode, Source
 from juicer.errors import NothingLeft
 from juicer.storage.episodes import write_episodes
 from juicer.storage.recordings import Recording, write_recordings
@@ -57,7 +57,7 @@ class _Tally:
     def __init__(self) -> None:
         self.recordings: list[Recording] = []
         self._devices: Counter[str] = Counter()
-        self._recorded_steps = 0
+        self._recorded_steps = self._corrections = 0
 
     def keep(self, results: Iterable[Demonstration | UnusableLog]) -> Iterator[Episode]:
         episodes = 0
@@ -70,6 +70,7 @@ class _Tally:
             record = result.episode.record
             self.recordings.append(Recording(result.source, episodes, record.episode_id, result.num_steps, kept))
             self._devices[record.device or "unknown"] += 1
+            self._corrections += record.source is Source.CORRECTION
             episodes += 1
             yield result.episode
 
@@ -89,6 +90,7 @@ class _Tally:
         return {
             "logs": len(self.recordings),
             "episodes": len(kept),
+            "corrections": self._corrections,
             "rejected": len(rejected),
             "steps": steps,
             "idle_steps_dropped": sum(entry.num_dropped for entry in kept),

@@ -63,9 +63,8 @@ class ClaimChecker:
         env = self._env(log.randomness)
         states = np.vstack([log.steps[STATE_KEY], log.final[STATE_KEY]]).astype(np.float64, copy=False)
         self._check_states(env, log, states)
-        self._check_beginning(env, log, states[0])
+        assembled = self._assembled_before(env, log, states[0])
         rewarded = [int(step) for step in np.flatnonzero(log.steps["reward"])]
-        assembled: set[int] = set()
         claimed = {step + 1 for step in rewarded} | set(log.milestones.values())
         for index in sorted(claimed | set(np.linspace(0, len(log), RESTORED_STATES, dtype=int).tolist())):
             _restore(env, states[index], index)
@@ -95,9 +94,10 @@ class ClaimChecker:
     def _check_states(self, env: AssemblyEnv, log: OperatorLog, states: NDArray[np.float64]) -> None:
         """What can be seen of every state without restoring it."""
         sections = StateSections.of(env, states)
-        steps = np.arange(len(states))
+        steps = log.first_step + np.arange(len(states))
         shown = {name: np.vstack([log.steps[name], log.final[name]]) for name in ("proprioception", "part_poses")}
-        rewards = np.concatenate([[0], np.cumsum(log.steps["reward"])])
+        before = 0 if log.parent is None else sections.assembled[0].sum()
+        counted = before + np.concatenate([[0], np.cumsum(log.steps["reward"])])
         wrong = {
             "holds values beyond all that a simulation has": (np.abs(states) > LARGEST_VALUE).any(axis=1),
             "is not of the moment of its step; record every step, from the reset on": (
@@ -109,11 +109,18 @@ class ClaimChecker:
             "has another gripper width than the recorded proprioception": _differ(
                 sections.gripper_width_m[:, None], shown["proprioception"][:, -1:]
             ),
-            "counts other assembled pairs than the rewards before it": sections.assembled.sum(axis=1) != rewards,
+            "counts other assembled pairs than the rewards before it": sections.assembled.sum(axis=1) != counted,
         }
         for fault, where in wrong.items():
             if where.any():
                 raise RejectedLog(f"the simulator state of step {int(np.argmax(where))} {fault}")
+
+    def _assembled_before(self, env: AssemblyEnv, log: OperatorLog, state: NDArray[np.float64]) -> set[int]:
+        """Pairs that are assembled where a log begins: none after a reset, in mid-rollout what its state says."""
+        if log.parent is None:
+            self._check_beginning(env, log, state)
+            return set()
+        return {int(pair) for pair in np.flatnonzero(StateSections.of(env, state[None]).assembled[0])}
 
     def _check_beginning(self, env: AssemblyEnv, log: OperatorLog, state: NDArray[np.float64]) -> None:
         env.reset(seed=log.seed)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import operator
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, NoReturn
 
 import numpy as np
 
+from juicer.episode import ID_DIGITS
 from juicer.errors import RejectedLog
 from juicer.text import LONGEST_SHOWN, printable
 
@@ -21,7 +23,7 @@ MOST_HEADER_LETTERS = 65_536
 
 _MOST_DIGITS = 18
 _MISSING = object()
-_OPTIONAL = ("operator", "recorded_at")
+_OPTIONAL = ("operator", "recorded_at", "parent", "parent_step")
 _TYPES: Mapping[str, type | tuple[type, ...]] = {
     "task": str,
     "randomness": str,
@@ -33,7 +35,10 @@ _TYPES: Mapping[str, type | tuple[type, ...]] = {
     "milestones": dict,
     "operator": (str, type(None)),
     "recorded_at": (str, type(None)),
+    "parent": (str, type(None)),
+    "parent_step": (int, type(None)),
 }
+_ID = re.compile(rf"[0-9a-f]{{{ID_DIGITS}}}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +56,8 @@ class LogHeader:
         milestones: Number of steps after which each milestone was reached first, by name.
         operator: Who that was, if the log is to say it.
         recorded_at: When, e.g. ``2026-11-26T14:03:00+01:00``, if the log is to say it.
+        parent: Id of the rollout that it corrects; None if it goes from the reset to its seed.
+        parent_step: Step of that rollout from which it goes.
     """
 
     task: str
@@ -63,6 +70,13 @@ class LogHeader:
     milestones: Mapping[str, int] = field(default_factory=dict)
     operator: str | None = None
     recorded_at: str | None = None
+    parent: str | None = None
+    parent_step: int | None = None
+
+    @property
+    def first_step(self) -> int:
+        """Steps that were made from the reset to its beginning."""
+        return self.parent_step or 0
 
     def to_text(self) -> str:
         """JSON text; equal headers give equal text.
@@ -114,10 +128,11 @@ def _check(entries: Mapping[str, Any]) -> None:
     for name, kind in _TYPES.items():
         value = entries[name]
         # To Python true and false are integers.
-        if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+        if not isinstance(value, kind) or (kind is not bool and isinstance(value, bool)):
             raise RejectedLog(f"header entry '{name}' is missing or of the wrong type")
-        if kind is int and not -(10**_MOST_DIGITS) < value < 10**_MOST_DIGITS:
+        if isinstance(value, int) and not -(10**_MOST_DIGITS) < value < 10**_MOST_DIGITS:
             raise RejectedLog(f"header entry '{name}' is too large a number")
+    _check_parent(entries["parent"], entries["parent_step"])
     for name, step in entries["milestones"].items():
         if not isinstance(name, str):
             raise RejectedLog(f"the name of a milestone must be a text, got {printable(repr(name))}")
@@ -125,6 +140,15 @@ def _check(entries: Mapping[str, Any]) -> None:
             raise RejectedLog(
                 f"milestone '{printable(name)}' must be the number of a step, got {printable(repr(step))}"
             )
+
+
+def _check_parent(parent: str | None, step: int | None) -> None:
+    if (parent is None) != (step is None):
+        raise RejectedLog("the header must say both 'parent' and 'parent_step', or neither")
+    if parent is not None and not _ID.fullmatch(parent):
+        raise RejectedLog(f"header entry 'parent' must be the id of an episode, got {printable(parent)}")
+    if step is not None and step < 0:
+        raise RejectedLog(f"header entry 'parent_step' must be the number of a step, got {step}")
 
 
 def _plain(value: Any) -> Any:

@@ -160,8 +160,10 @@ class Ingestion:
         _check_timestamps(log.timestamp_s, config.max_gap_s)
         keep = steps_to_keep(log.steps["action"], log.idle, config.kept_after_toggle)
         num_kept = np.count_nonzero(keep)
-        if num_kept < config.min_steps:
-            raise RejectedLog(f"only {num_kept} of its steps are not idle, at least {config.min_steps} are needed")
+        # What is left to be done of a rollout may take a moment only.
+        needed = config.min_steps if log.parent is None else 1
+        if num_kept < needed:
+            raise RejectedLog(f"only {num_kept} of its steps are not idle, at least {needed} are needed")
         recorded = _recorded(log, source)
         identity = recorded.record.episode_id
         if identity in self._sources:
@@ -181,7 +183,7 @@ class Ingestion:
             )
         try:
             parse_randomness(header.randomness)
-            check_seeds(Purpose.DEMONSTRATIONS, [header.seed])
+            check_seeds(Purpose.DEMONSTRATIONS if header.parent is None else Purpose.COLLECTION, [header.seed])
         except ConfigError as error:
             raise RejectedLog(str(error)) from None
         num_pairs = len(self._task.pairs)
@@ -247,10 +249,10 @@ def _check_rewards(log: OperatorLog) -> None:
     odd = np.flatnonzero((reward < 0) | (reward != np.rint(reward)) | (reward > log.parts_assembled))
     if odd.size:
         raise RejectedLog(f"the reward of step {odd[0]} must be a number of pairs, got {reward[odd[0]]:g}")
-    if reward.sum() != log.parts_assembled:
-        raise RejectedLog(
-            f"its rewards add up to {reward.sum():g}, but it counts {log.parts_assembled} assembled pairs"
-        )
+    earned, counted = reward.sum(), log.parts_assembled
+    # Some pairs may have been assembled where a correction begins, but not all.
+    if earned != counted and (log.parent is None or not 0 < earned < counted):
+        raise RejectedLog(f"its rewards add up to {earned:g}, but it counts {counted} assembled pairs")
     for name, step in log.milestones.items():
         if step > len(log):
             raise RejectedLog(f"it claims milestone '{name}' after {step} steps, but holds {len(log)}")
@@ -277,10 +279,11 @@ def _check_timestamps(timestamp_s: NDArray[np.float64], max_gap_s: float) -> Non
 
 def _recorded(log: OperatorLog, source: str) -> Episode:
     """The whole recording, idle steps included: what its id is a digest of."""
+    source_kind = Source.TELEOP if log.parent is None else Source.CORRECTION
     shared = {entry.name for entry in fields(LogHeader)} & {entry.name for entry in fields(EpisodeRecord)}
     facts = {name: getattr(log, name) for name in shared} | {"outcome": Outcome.SUCCESS, "log": source or None}
     return Episode(
-        record=EpisodeRecord(source=Source.TELEOP, **facts),
+        record=EpisodeRecord(source=source_kind, **facts),
         steps={spec.name: np.asarray(log.steps[spec.name], dtype=spec.dtype) for spec in SIMULATOR},
         final={name: np.asarray(log.final[name], dtype=SIMULATOR[name].dtype) for name in SIMULATOR.ends},
     )

@@ -27,6 +27,7 @@ from juicer.episode import ACTION_SIZE
 from juicer.errors import DraftNotWritten, UnusableDraft
 from juicer.reading import read_bounded
 from juicer.sim.env import AssemblyEnv
+from juicer.teleoperation.origin import Origin
 from juicer.text import printable
 
 SUFFIX = ".draft"
@@ -91,6 +92,11 @@ class Draft:
         self._descriptor: int | None = None
         self._waiting = bytearray()
         self._put({"format": _FORMAT, **asdict(beginning), "state": state.tolist()})
+
+    @property
+    def name(self) -> str:
+        """Its name, which no other draft has."""
+        return self._path.stem
 
     @classmethod
     def _continued(cls, path: Path, descriptor: int) -> Self:
@@ -169,6 +175,14 @@ class LeftDraft:
     state: NDArray[np.float64]
     steps: tuple[DraftStep, ...]
     _num_bytes: int
+
+    @property
+    def origin(self) -> Origin | None:
+        """The step of a rollout from which it goes, if it goes from one."""
+        begun = self.beginning
+        if begun.parent is None or begun.parent_step is None:
+            return None
+        return Origin(begun.parent, begun.parent_step, begun.seed, self.state)
 
     def resume(self, env: AssemblyEnv, act: Callable[[NDArray[np.float32], bool], None]) -> int:
         """Do its steps again, as long as the simulator computes the same; another version of it may not.

@@ -84,7 +84,9 @@ class Logs:
         Raises:
             JuicerError: If it cannot be written; it is still in hand then.
         """
-        path = self.folder / f"{log.seed:08d}{SUFFIX}"
+        # A rollout may be corrected again and again, so that its seed does not make a name.
+        name = f"{log.seed:08d}" if log.parent is None else self._in_hand.name
+        path = self.folder / f"{name}{SUFFIX}"
         write_log(path, log)
         sync(path)
         sync(self.folder)

@@ -161,6 +161,7 @@ class Session:
             time_scale=self._time_scale,
             undo_s=self._undo_s,
             seed=work.take.seed,
+            origin=work.origin,
             step=len(work.take),
             acted=len(work.take) - sum(work.take.idle),
             assembled=work.assembled,

@@ -53,6 +53,7 @@ class Status:
         time_scale: Simulated seconds a second.
         undo_s: Seconds that the longer undo takes back.
         seed: Initial-state seed of the episode in hand.
+        origin: Where it begins, in words.
         step: Steps recorded, idle ones too.
         acted: Those of them in which the operator acted.
         assembled: Pairs that are assembled.
@@ -74,6 +75,7 @@ class Status:
     time_scale: float
     undo_s: float
     seed: int
+    origin: str
     step: int
     acted: int
     assembled: int

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from juicer.demonstration.log import OperatorLog
 from juicer.episode import ACTION_SIZE, STATE_KEY, EpisodeRecord, Outcome, Source
 from juicer.sim.env import STEP_S, AssemblyEnv
+from juicer.sim.panda import NUM_ARM_JOINTS
 from juicer.sim.recorder import EpisodeRecorder
+from juicer.sim.sections import StateSections
 
 
 @dataclass(frozen=True)
@@ -24,12 +26,16 @@ class Provenance:
         device: What the operator held, with the keys' map and the time scale.
         began: When the first step was made, in ISO 8601.
         ended: When the last one was.
+        parent: Id of the rollout that it corrects, if it does.
+        parent_step: Step of that rollout from which it goes.
     """
 
     operator: str
     device: str
     began: str
     ended: str
+    parent: str | None = None
+    parent_step: int | None = None
 
 
 class Take(EpisodeRecorder):
@@ -38,6 +44,8 @@ class Take(EpisodeRecorder):
     Attributes:
         seed: Initial-state seed that the environment was reset to.
         idle: Whether the operator commanded nothing, a step.
+        assembled_before: Pairs that were assembled where it begins.
+        began_closed: Whether the gripper had been told to close where it begins.
     """
 
     def __init__(self, env: AssemblyEnv, seed: int, state: NDArray[np.float64] | None = None) -> None:
@@ -52,6 +60,8 @@ class Take(EpisodeRecorder):
         super().__init__(env)
         self.seed = seed
         self.idle: list[bool] = []
+        self.assembled_before = int(StateSections.of(env, self.state[None]).assembled.sum())
+        self.began_closed = bool(env.data.ctrl[NUM_ARM_JOINTS] < 0)
         self._infos: list[Mapping[str, Any]] = []
 
     def act(self, action: NDArray[Any], *, idle: bool) -> None:
@@ -110,14 +120,17 @@ class Take(EpisodeRecorder):
         Raises:
             InvalidEpisode: If nothing was recorded, or the simulation has diverged.
         """
+        first = by.parent_step or 0
         record = EpisodeRecord(
-            source=Source.TELEOP,
+            source=Source.TELEOP if by.parent is None else Source.CORRECTION,
             task=self._env.task.name,
             randomness=str(self._env.randomness),
             seed=self.seed,
             outcome=self.info["outcome"] or Outcome.TIMEOUT,
             parts_assembled=self.info["parts_assembled"],
-            milestones=self.info["milestones"],
+            milestones={name: step - first for name, step in self.info["milestones"].items() if step >= first},
+            parent=by.parent,
+            parent_step=by.parent_step,
             device=by.device,
             operator=by.operator or None,
             recorded_at=f"{by.began}/{by.ended}",

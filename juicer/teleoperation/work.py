@@ -24,6 +24,7 @@ from juicer.teleoperation.controls import Intent
 from juicer.teleoperation.drafts import Beginning, LeftDraft
 from juicer.teleoperation.key_maps import Action
 from juicer.teleoperation.logs import Logs
+from juicer.teleoperation.origin import Origin
 from juicer.teleoperation.status import Phase
 from juicer.teleoperation.take import Provenance, Take
 
@@ -83,29 +84,40 @@ class Work:
         time_scale: Simulated seconds a second, for the logs.
     """
 
-    def __init__(self, choice: Choice, logs: Logs) -> None:
+    def __init__(self, choice: Choice, logs: Logs, origin: Origin | None = None) -> None:
         """Prepare the scene and begin the first episode.
+
+        Args:
+            choice: What is recorded.
+            logs: Where it goes.
+            origin: Step of a rollout from which every episode goes; from a reset, each to another seed, if None.
 
         Raises:
             ConfigError: If there is no such task or randomness.
             LogNotWritten: If the folder of the logs cannot be written.
+            InvalidEpisode: If the origin's state is none of this scene.
         """
         self.choice = choice
         self.logs = logs
+        self._origin = origin
         self.undo_s = 5.0
         self.time_scale = 1.0
         self.env = AssemblyEnv(choice.task, choice.randomness, max_steps=MOST_STEPS)
-        self._begin(logs.next_seed())
+        self._begin(self._next_seed())
+
+    def _next_seed(self) -> int:
+        """A rollout is corrected as often as the operator likes; any other initial state is given once."""
+        return self._origin.seed if self._origin else self.logs.next_seed()
 
     def _begin(self, seed: int, note: str = "") -> None:
-        self._began = _now()
-        self.take = Take(self.env, seed)
-        choice = self.choice
-        beginning = Beginning(
-            task=choice.task, randomness=choice.randomness, seed=seed, began=self._began,
+        choice, origin = self.choice, self._origin
+        self.take = Take(self.env, seed, origin.state if origin else None)
+        self._beginning = Beginning(
+            task=choice.task, randomness=choice.randomness, seed=seed, began=_now(),
             operator=choice.operator, keys=choice.keys,
+            parent=origin.parent if origin else None, parent_step=origin.step if origin else None,
         )  # fmt: skip
-        self.logs.begin(beginning, self.take)
+        self.logs.begin(self._beginning, self.take)
         self._prepare(note)
 
     def resume(self, left: LeftDraft) -> None:
@@ -121,21 +133,19 @@ class Work:
         take = Take(self.env, beginning.seed, left.state)
         resumed = left.resume(self.env, lambda action, idle: take.act(action, idle=idle))
         self.logs.go_on_with(left.take_up(resumed))
-        self.take, self._began = take, beginning.began
+        self.take, self._beginning = take, beginning
         lost = len(left.steps) - resumed
         self._prepare(
             f"Here you were interrupted, after {resumed} steps"
             + (f"; {lost} more could not be computed again by this version of the simulator" if lost else "")
         )
-        self._follow_gripper()
 
     def _prepare(self, note: str) -> None:
         self.ending: Ending | None = None
         self._sources: set[str] = set()
         self._hold: NDArray[np.float64] | None = None
-        self._gripper = OPEN
         self._toggled = False
-        self._since_toggle = KEPT_AFTER_TOGGLE
+        self._follow_gripper()
         self._grace = 0
         self._note = note
         self._paused = self._away = False
@@ -165,12 +175,12 @@ class Work:
         if self.ending is Ending.KEPT:
             return
         if action is Action.DISCARD:
-            seed = self.logs.next_seed()
+            seed = self._next_seed()
             self.logs.drop()
-            self._begin(seed, "Discarded; this is another initial state")
+            self._begin(seed, f"Discarded; this is {'the same step anew' if self._origin else 'another initial state'}")
         elif action is Action.RESET:
             self.logs.drop()
-            self._begin(self.take.seed, "The same initial state anew")
+            self._begin(self.take.seed, f"The same {'step' if self._origin else 'initial state'} anew")
         elif action in (Action.UNDO, Action.UNDO_MORE):
             self._undo(UNDO_STEPS if action is Action.UNDO else round(self.undo_s / STEP_S))
         elif action is Action.SUCCESS:
@@ -205,10 +215,11 @@ class Work:
 
     def _follow_gripper(self) -> None:
         """Know again what the gripper was told last, and when."""
-        commands = gripper_commands(self.take.actions)
-        toggles = np.flatnonzero(np.diff(commands, prepend=OPEN))
-        self._gripper = float(commands[-1]) if len(commands) else OPEN
-        self._since_toggle = len(commands) - 1 - int(toggles[-1]) if len(toggles) else KEPT_AFTER_TOGGLE
+        before = CLOSE if self.take.began_closed else OPEN
+        commands = np.append(before, gripper_commands(self.take.actions))
+        toggles = np.flatnonzero(np.diff(commands))
+        self._gripper = float(commands[-1])
+        self._since_toggle = len(self.take) - 1 - int(toggles[-1]) if len(toggles) else KEPT_AFTER_TOGGLE
 
     def step(self, intent: Intent, *, present: bool, source: str = "") -> bool:
         """One control step; False if the world stands still.
@@ -271,13 +282,24 @@ class Work:
         keys = f"keys {self.choice.keys}, time scale {self.time_scale:g}"
         device = f"{' and '.join(sorted(self._sources)) or 'keyboard'}, {keys}"
         try:
-            name = self.logs.keep(self.take.log(Provenance(self.choice.operator, device, self._began, _now())))
+            name = self.logs.keep(self.take.log(self._provenance(device)))
         except (JuicerError, OSError) as error:
             self.ending = Ending.NOT_WRITTEN
             self._note = f"Assembled, but {error}; make room, then press success again, or discard it"
             return
         self.ending = Ending.KEPT
         self._note = f"Assembled, and written as {name}; it is being checked"
+
+    def _provenance(self, device: str) -> Provenance:
+        beginning = self._beginning
+        return Provenance(
+            operator=self.choice.operator,
+            device=device,
+            began=beginning.began,
+            ended=_now(),
+            parent=beginning.parent,
+            parent_step=beginning.parent_step,
+        )
 
     def close(self) -> None:
         """Stop; what was recorded of the episode in hand stays on the disk."""
@@ -287,12 +309,18 @@ class Work:
     def go_on(self) -> None:
         """Begin the next episode, once the last one is kept."""
         if self.ending is Ending.KEPT:
-            self._begin(self.logs.next_seed())
+            self._begin(self._next_seed())
+
+    @property
+    def origin(self) -> str:
+        """Where the episode in hand begins, in words."""
+        origin = self._origin
+        return f"step {origin.step} of rollout {origin.parent}" if origin else f"state {self.take.seed}"
 
     @property
     def assembled(self) -> int:
         """Pairs that are assembled."""
-        return int(self.take.info.get("parts_assembled", 0))
+        return int(self.take.info.get("parts_assembled", self.take.assembled_before))
 
     @property
     def phase(self) -> Phase:

@@ -10,11 +10,13 @@ import pytest
 from benchmarks.page.hands import GRIPPER, Hands
 from juicer.demonstration.log import OperatorLog
 from juicer.demonstration.recording import recordings
+from juicer.episode import Episode
 from juicer.expert.operator import scripted_operators
 from juicer.teleoperation.controls import ControllerState, Controls
 from juicer.teleoperation.logs import Logs
 from juicer.teleoperation.verification import Verifier
 from juicer.teleoperation.work import Choice, Work
+from tests.teleoperation.rollouts import stuck_rollout
 
 MakeWork = Callable[..., Work]
 
@@ -75,3 +77,9 @@ def assembled(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Work]:
 def one_leg_log() -> OperatorLog:
     """A success of the scripted operator."""
     return next(log for log in recordings("one_leg", "low", range(20), scripted_operators()) if log.success)
+
+
+@pytest.fixture(scope="session")
+def stuck() -> Episode:
+    """A rollout that failed with the leg in its gripper."""
+    return stuck_rollout()

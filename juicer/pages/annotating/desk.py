@@ -18,7 +18,7 @@ from juicer.annotation.standing import Standing, standing
 from juicer.annotation.versions import Key, Version, read_versions, versions_path
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from juicer.episode import RECORDED_STEP_KEY, Episode, Outcome
+from juicer.episode import RECORDED_STEP_KEY, Episode, EpisodeRecord, Outcome
 from juicer.errors import NothingLeft
 from juicer.pages.annotating.proposals import Proposals, find_proposals
 from juicer.pages.annotating.sheets import draw_sheet
@@ -73,18 +73,26 @@ class Desk:
         """Every demonstration with what is proposed and said of it, those first that are most in doubt."""
         proposals = self.proposals or {}
         stands = standing(read_versions(self.path))
-        states = range(self.task.num_critical_states)
         episodes = [
             {
                 "id": record.episode_id,
                 "log": record.log or record.episode_id,
                 "steps": int(length),
-                "marks": [self.mark((record.episode_id, state), stands, proposals) for state in states],
+                "marks": self._marks(record, stands, proposals),
             }
             for record, length in zip(self.reader.records, self.reader.lengths, strict=True)
             if record.outcome is Outcome.SUCCESS
         ]
         return sorted(episodes, key=_confidence)
+
+    def _marks(
+        self, record: EpisodeRecord, stands: Mapping[Key, Standing], proposals: Proposals
+    ) -> list[dict[str, Any]]:
+        """Marks of every critical state of the task; of a correction, only those that were found are expected."""
+        marks = (
+            self.mark((record.episode_id, state), stands, proposals) for state in range(self.task.num_critical_states)
+        )
+        return [{**mark, "expected": record.parent is None or mark["proposal"] is not None} for mark in marks]
 
     def mark(self, key: Key, stands: Mapping[Key, Standing], proposals: Proposals) -> dict[str, Any]:
         """What is proposed and said of one critical state, in steps of the episode."""
@@ -191,8 +199,9 @@ def _desk(store: ArtifactStore, ref: ArtifactRef, folder: Path, data: Path, work
 
 
 def _confidence(episode: Mapping[str, Any]) -> float:
-    """The lowest of its critical states; of one that was not found, none."""
-    return min(mark["proposal"]["confidence"] if mark["proposal"] else 0.0 for mark in episode["marks"])
+    """The lowest of its critical states that are expected; of one that was not found, none."""
+    marks = [mark for mark in episode["marks"] if mark["expected"]]
+    return min((mark["proposal"]["confidence"] if mark["proposal"] else 0.0 for mark in marks), default=1.0)
 
 
 def _rounded(values: Any) -> Any:

@@ -9,11 +9,12 @@ from pathlib import Path
 
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from juicer.episode import STATE_KEY, Episode, Outcome
-from juicer.errors import ArtifactNotFound, ConfigError, WrongArtifactKind
+from juicer.episode import STATE_KEY, Episode, EpisodeRecord, Outcome
+from juicer.errors import ArtifactNotFound, ConfigError, EvaluationOnly, NotCorrectable, WrongArtifactKind
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.evaluations import EXAMPLES, read_evaluation
 from juicer.tasks.registry import get_task
+from juicer.teleoperation.origin import require_correctable
 
 KINDS_WITH_EPISODES = ("episodes", "evaluation")
 
@@ -31,6 +32,7 @@ class Line:
         milestones: Step at which each milestone was reached.
         origin: What else is known of where it comes from, e.g. who recorded it.
         place: Its number among the recorded ones; None if only this line was kept of it.
+        is_correctable: Whether a person may finish it by hand.
     """
 
     number: int
@@ -41,6 +43,7 @@ class Line:
     milestones: Mapping[str, int]
     origin: str = ""
     place: int | None = None
+    is_correctable: bool = False
 
     def lacks(self, milestones: Sequence[str]) -> str:
         """The first milestone that it did not reach; empty if it reached all."""
@@ -169,11 +172,20 @@ def _listed(ref: ArtifactRef, folder: Path) -> EpisodeList:
                 milestones=record.milestones,
                 origin=record.log or (f"grown from {record.parent}" if record.parent else ""),
                 place=number,
+                is_correctable=_is_correctable(record),
             )
             for number, record in enumerate(reader.records)
         )
     task = reader.records[0].task if reader.records else ""
     return EpisodeList(ref, task, _milestones(task, lines), lines, STATE_KEY in reader.schema)
+
+
+def _is_correctable(record: EpisodeRecord) -> bool:
+    try:
+        require_correctable(record)
+    except (NotCorrectable, EvaluationOnly):
+        return False
+    return True
 
 
 def _milestones(task: str, lines: Sequence[Line]) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ const { artifact, episode } = frames.dataset;
 const length = Number(frames.dataset.length), hz = Number(frames.dataset.hz);
 const screen = document.querySelector("#screen"), pen = screen.getContext("2d");
 const position = document.querySelector("#position"), where = document.querySelector("#where");
+const correct = document.querySelector("#correct");
 const play = document.querySelector("#play"), speed = document.querySelector("#speed");
 
 const sheets = new Map();
@@ -52,6 +53,7 @@ function show(wanted) {
   const told = step === length ? `end, ${step}` : `step ${step} of ${length}`;
   where.textContent = `${told}, ${(step / hz).toFixed(1)} s`;
   position.setAttribute("aria-valuetext", told);
+  if (correct) correct.href = `/teleop?${new URLSearchParams({ artifact, episode, frame: step })}`;
   const sheet = sheetOf(step), asked = step;
   if (sheet.bitmap) drawSmall(sheet.bitmap, step % SHEET);
   else sheet.loading.then((bitmap) => { if (step === asked) drawSmall(bitmap, asked % SHEET); }, () => {});

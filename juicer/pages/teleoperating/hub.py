@@ -9,19 +9,23 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from juicer.errors import ConfigError, RefusedMessage, UnusableDraft, did_you_mean
+from juicer.artifacts.store import ArtifactStore
+from juicer.errors import ConfigError, DeviceUnavailable, JuicerError, RefusedMessage, UnusableDraft, did_you_mean
+from juicer.pages.browsing.episodes import recorded_episode
 from juicer.pages.teleoperating.under_way import UnderWay
-from juicer.pages.teleoperating.wire import Begin, Pace, Resume
+from juicer.pages.teleoperating.wire import Begin, Correct, Order, Pace, Resume
 from juicer.sim.env import STEP_S
 from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import Randomness
 from juicer.teleoperation.controls import ControllerState, Controls
 from juicer.teleoperation.drafts import LeftDraft, left_in, read_draft
-from juicer.teleoperation.key_maps import DEFAULT, DESCRIPTIONS, PRESETS, KeyMap, Motion, find_key_map
+from juicer.teleoperation.key_maps import DEFAULT, DESCRIPTIONS, PRESETS, KeyMap, Motion, find_key_map, read_key_map
 from juicer.teleoperation.logs import DRAFTS, Logs
 from juicer.teleoperation.messages import MessageReader
+from juicer.teleoperation.origin import Origin, origin_of
 from juicer.teleoperation.painter import PANES, Frame, Painter
 from juicer.teleoperation.session import Session
+from juicer.teleoperation.spacemouse import SpaceMouse, open_spacemouse
 from juicer.teleoperation.verification import Verifier
 from juicer.teleoperation.work import Choice, Work
 from juicer.text import printable
@@ -40,7 +44,6 @@ class Client:
         sent: By name of the pane, the number of the image that it has.
         wants_numbers: Whether it asked for the observation as numbers, too.
         reader: Judges its messages.
-        controls: Turns its keys into wishes.
         state: What it said last of its keys; None before it said anything.
     """
 
@@ -53,13 +56,7 @@ class Client:
         self.sent: dict[str, int] = {}
         self.wants_numbers = False
         self.reader = MessageReader()
-        self.controls = Controls()
         self.state: ControllerState | None = None
-
-    def forget_presses(self) -> None:
-        """What was pressed in vain, while somebody else had the controls, is not to be done now."""
-        while self.state and self.controls.intent(self.state).presses:
-            pass
 
     def wake(self) -> None:
         """Look for something to be sent; any thread may call it."""
@@ -76,13 +73,21 @@ class Hub:
         folder: Where recordings lie, a folder a task.
     """
 
-    def __init__(self, folder: Path) -> None:
-        """Begin with nothing going on."""
+    def __init__(self, folder: Path, store: ArtifactStore) -> None:
+        """Begin with nothing going on.
+
+        Args:
+            folder: Where recordings lie, a folder a task.
+            store: Where the rollouts are that can be finished by hand.
+        """
         self.folder = folder
+        self._store = store
         self._clients: set[Client] = set()
         self._driver: Client | None = None
         self._session: Session | None = None
         self._painter: Painter | None = None
+        self._mouse: SpaceMouse | None = None
+        self._mouse_problem = ""
         self._key_map: KeyMap = DEFAULT
         self._verifier = Verifier()
         self._number = 0
@@ -119,17 +124,27 @@ class Hub:
     def give_controls(self, client: Client) -> None:
         """A page takes the controls from whoever has them."""
         self._driver = client
-        client.controls.key_map = self._key_map
-        client.forget_presses()
         if self._session:
-            self._session.take_over(client.controls)
+            # What was pressed in vain, while somebody else had the controls, is not to be done now.
+            pressed = dict(client.state.edges) if client.state else {}
+            with suppress(DeviceUnavailable):
+                pressed |= self._mouse.read().edges if self._mouse else {}
+            self._session.take_over(Controls(self._key_map, pressed))
         self._wake_all()
 
     def hear(self, client: Client, state: ControllerState) -> None:
         """Take what a page's operator does; it counts if the page has the controls."""
         client.state = state
-        if self._session and self.drives(client):
-            self._session.hear(state)
+        if not self._session or not self.drives(client):
+            return
+        try:
+            self._session.hear(state.with_spacemouse(self._mouse.read()) if self._mouse else state)
+        except DeviceUnavailable as error:
+            # The page lets go of everything, too, as soon as it knows.
+            self._mouse_problem = str(error)
+            self._close_mouse()
+            self.release()
+            self._wake_all()
 
     def pace(self, client: Client, order: Pace) -> None:
         """Change the pace, if the page has the controls."""
@@ -148,16 +163,29 @@ class Hub:
             RefusedMessage: If another page has the controls.
             ConfigError: If there is no such task, randomness or key map; what went on goes on.
             LogNotWritten: If the folder of the logs cannot be written.
+            DeviceUnavailable: If a SpaceMouse is asked for and cannot be read.
         """
         self._check_drives(client)
-        choice = Choice(
-            task=order.task,
-            randomness=order.randomness,
-            operator=printable(order.operator.strip()),
-            target=order.target,
-            keys=order.keys,
-        )
-        await self._start(client, lambda: self._work(choice))
+        choice = _choice(order, order.task, order.randomness)
+        await self._start(client, order, lambda: self._work(choice))
+
+    async def correct(self, client: Client, order: Correct) -> None:
+        """End what goes on and let a rollout be finished by hand.
+
+        Raises:
+            RefusedMessage: If another page has the controls.
+            ArtifactError: If there is no such episode, or no more; what went on goes on.
+            JuicerError: If it cannot be gone on from, see :func:`~juicer.teleoperation.origin.origin_of`, or as for
+                :meth:`begin`.
+        """
+        self._check_drives(client)
+
+        def work() -> Work:
+            episode = recorded_episode(self._store, self._store.resolve(order.artifact), order.episode)
+            choice = _choice(order, episode.record.task, episode.record.randomness)
+            return self._work(choice, origin_of(episode, order.step))
+
+        await self._start(client, order, work)
 
     async def resume(self, client: Client, order: Resume) -> None:
         """End what goes on, and go on with an episode that was interrupted, or remove what was recorded of it.
@@ -165,6 +193,7 @@ class Hub:
         Raises:
             RefusedMessage: If another page has the controls, or there is no such episode.
             UnusableDraft: If it cannot be gone on with.
+            DeviceUnavailable: As for :meth:`begin`.
         """
         self._check_drives(client)
         found = [path for path in self._left() if (path.parents[1].name, path.name) == (order.task, order.draft)]
@@ -174,7 +203,7 @@ class Hub:
             read_draft(found[0]).remove()
             self._wake_all()
         else:
-            await self._start(client, lambda: self._resumed(read_draft(found[0]), order.target))
+            await self._start(client, order, lambda: self._resumed(read_draft(found[0]), order.target))
 
     def _check_drives(self, client: Client) -> None:
         if self._session and not self.drives(client):
@@ -189,20 +218,27 @@ class Hub:
             target=target,
             keys=beginning.keys,
         )
-        work = self._work(choice)
+        work = self._work(choice, left.origin)
         work.resume(left)
         return work
 
-    def _work(self, choice: Choice) -> Work:
+    def _work(self, choice: Choice, origin: Origin | None = None) -> Work:
         if choice.task not in TASK_NAMES:
             raise ConfigError(f"there is no task '{printable(choice.task)}'; there are {', '.join(TASK_NAMES)}")
         self._find_key_map(choice.keys)
-        return Work(choice, Logs(self.folder / choice.task, choice.task, self._verifier))
+        return Work(choice, Logs(self.folder / choice.task, choice.task, self._verifier), origin)
 
-    async def _start(self, client: Client, make: Callable[[], Work]) -> None:
+    async def _start(self, client: Client, order: Order, make: Callable[[], Work]) -> None:
         # Building a scene takes a second, in which others are to be served.
-        work = await asyncio.to_thread(make)
+        mouse = await asyncio.to_thread(open_spacemouse) if order.spacemouse else None
+        try:
+            work = await asyncio.to_thread(make)
+        except JuicerError:
+            if mouse:
+                mouse.close()
+            raise
         self.end()
+        self._mouse = mouse
         self._key_map = self._find_key_map(work.choice.keys)
         self._session = Session(work, self._number)
         self._painter = Painter(self._session)
@@ -222,15 +258,24 @@ class Hub:
             # Pages tell an older frame from a newer one by its number.
             self._number = self._session.latest.number + 1
         self._session = self._painter = None
+        self._close_mouse()
+        self._mouse_problem = ""
         self._wake_all()
+
+    def _close_mouse(self) -> None:
+        if self._mouse:
+            self._mouse.close()
+        self._mouse = None
 
     def greeting(self) -> dict[str, Any]:
         """What a page must know before anything goes on."""
+        own, problems = self._read_own_key_maps()
         return {
             "kind": "greeting",
             "tasks": list(TASK_NAMES),
             "randomness": [level.value for level in Randomness],
-            "key_maps": [*PRESETS, *self._own_key_maps()],
+            "key_maps": [*PRESETS, *own],
+            "problems": problems,
             "panes": [
                 {name: getattr(each, name) for name in ("name", "title", "width", "height", "of_policy")}
                 for each in PANES
@@ -246,9 +291,10 @@ class Hub:
             "going_on": self._session is not None,
             "drafts": [] if self._session else self._drafts(),
             "key_list": _shown_keys(self._key_map),
+            "spacemouse": self._mouse is not None,
         }
         if frame := self.frame:
-            told |= {**asdict(frame.snapshot.status), "problem": frame.problem}
+            told |= {**asdict(frame.snapshot.status), "problem": self._mouse_problem or frame.problem}
             if client.wants_numbers:
                 told["numbers"] = frame.snapshot.numbers()
         return told
@@ -269,7 +315,8 @@ class Hub:
             with suppress(UnusableDraft):
                 left = read_draft(path)
                 about = {name: printable(getattr(left.beginning, name)) for name in ("task", "operator", "began")}
-                told.append({"draft": path.name, "seconds": len(left.steps) * STEP_S, **about})
+                seconds, parent_step = len(left.steps) * STEP_S, left.beginning.parent_step
+                told.append({"draft": path.name, "seconds": seconds, "parent_step": parent_step, **about})
         return told
 
     def _find_key_map(self, name: str) -> KeyMap:
@@ -282,6 +329,18 @@ class Hub:
             )
         return find_key_map(str(own.get(name, name)))
 
+    def _read_own_key_maps(self) -> tuple[list[str], list[str]]:
+        """Names of those that can be used, and what is wrong with the others."""
+        names, problems = [], []
+        for name, path in self._own_key_maps().items():
+            try:
+                read_key_map(path)
+            except ConfigError as error:
+                problems.append(str(error))
+            else:
+                names.append(name)
+        return names, problems
+
     def _own_key_maps(self) -> Mapping[str, Path]:
         """Key maps that lie beside the recordings, by their names."""
         return {printable(path.name, 60): path for path in sorted(self.folder.glob("*.toml"))[:20]}
@@ -289,6 +348,11 @@ class Hub:
     def _wake_all(self) -> None:
         for client in self._clients:
             client.wake()
+
+
+def _choice(order: Begin | Correct, task: str, randomness: str) -> Choice:
+    operator = printable(order.operator.strip())
+    return Choice(task=task, randomness=randomness, operator=operator, target=order.target, keys=order.keys)
 
 
 def _shown_keys(key_map: KeyMap) -> list[dict[str, Any]]:

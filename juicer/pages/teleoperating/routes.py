@@ -7,18 +7,23 @@ import json
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
-from fastapi import APIRouter, FastAPI, WebSocket
+from fastapi import APIRouter, FastAPI, Query, WebSocket
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.websockets import WebSocketDisconnect
 
+from juicer.artifacts.ref import ArtifactRef
 from juicer.errors import JuicerError, RefusedMessage
+from juicer.pages.browsing.episodes import recorded_episode
 from juicer.pages.rendering import page
 from juicer.pages.teleoperating.hub import Client, Hub
-from juicer.pages.teleoperating.wire import Acknowledge, Begin, Pace, Resume, packed, parse_command
+from juicer.pages.teleoperating.wire import Acknowledge, Begin, Correct, Pace, Resume, packed, parse_command
+from juicer.pages.workplace import TheWorkplace, Workplace
 from juicer.teleoperation.messages import MOST_BYTES
+from juicer.teleoperation.origin import Origin, origin_of
 
 FOLDER = "teleoperation"
 """Name, in the data folder, of where recordings lie."""
@@ -29,7 +34,8 @@ _FOREIGN, _TOO_LARGE, _REFUSED = 1003, 1009, 1008
 
 @asynccontextmanager
 async def _hub_of_application(application: FastAPI) -> AsyncIterator[None]:
-    hub = Hub(application.state.workplace.folder / FOLDER)
+    workplace: Workplace = application.state.workplace
+    hub = Hub(workplace.folder / FOLDER, workplace.store)
     application.state.teleoperation = hub
     try:
         yield
@@ -40,10 +46,32 @@ async def _hub_of_application(application: FastAPI) -> AsyncIterator[None]:
 router = APIRouter(lifespan=_hub_of_application)
 
 
+@dataclass(frozen=True)
+class _Rollout:
+    """What the page says of a rollout that is to be finished by hand."""
+
+    ref: ArtifactRef
+    episode: int
+    origin: Origin
+    task: str
+
+
 @router.get("/teleop")
-def teleop(request: Request) -> Response:
-    """The page."""
-    return page(request, "teleop.html")
+def teleop(
+    request: Request,
+    workplace: TheWorkplace,
+    artifact: Annotated[str, Query(max_length=200)] = "",
+    episode: Annotated[int, Query(ge=0, le=10**9)] = 0,
+    frame: Annotated[int, Query(ge=0, le=10**9)] = 0,
+) -> Response:
+    """The page; on a step of a rollout, to finish that by hand."""
+    return page(request, "teleop.html", rollout=_rollout(workplace, artifact, episode, frame) if artifact else None)
+
+
+def _rollout(workplace: Workplace, artifact: str, number: int, step: int) -> _Rollout:
+    ref = workplace.store.resolve(artifact)
+    episode = recorded_episode(workplace.store, ref, number)
+    return _Rollout(ref, number, origin_of(episode, step), episode.record.task)
 
 
 @router.websocket("/teleop/live")
@@ -119,6 +147,8 @@ async def _obey(hub: Hub, client: Client, text: str) -> None:
         client.news.set()
     elif isinstance(command, Begin):
         await hub.begin(client, command)
+    elif isinstance(command, Correct):
+        await hub.correct(client, command)
     elif isinstance(command, Resume):
         await hub.resume(client, command)
     elif isinstance(command, Pace):

@@ -48,24 +48,40 @@ def packed(frame: Frame, sent: Mapping[str, int]) -> bytes:
 Name = Annotated[str, Field(max_length=60)]
 
 
-class Begin(StrictConfig):
+class Order(StrictConfig):
+    """What an operator says of every sitting: how many demonstrations are wanted, and whether a SpaceMouse is used."""
+
+    target: int = Field(default=50, ge=1, le=100_000)
+    spacemouse: bool = False
+
+
+class Begin(Order):
     """Record demonstrations: of what, and by whom."""
 
     kind: Literal["begin"]
     task: Name
     randomness: Name = "low"
     operator: Name = ""
-    target: int = Field(default=50, ge=1, le=100_000)
     keys: Name = "original"
 
 
-class Resume(StrictConfig):
+class Correct(Order):
+    """Finish a rollout by hand, from one of its steps on: which, and who does it."""
+
+    kind: Literal["correct"]
+    artifact: Name
+    episode: int = Field(ge=0, le=10**9)
+    step: int = Field(ge=0, le=10**9)
+    operator: Name = ""
+    keys: Name = "original"
+
+
+class Resume(Order):
     """Go on with an episode that was interrupted, or remove what was recorded of it."""
 
     kind: Literal["resume", "forget"]
     task: Name
     draft: Name
-    target: int = Field(default=50, ge=1, le=100_000)
 
 
 class Pace(StrictConfig):
@@ -89,7 +105,7 @@ class Simple(StrictConfig):
     kind: Literal["take over", "release", "end", "numbers"]
 
 
-Command = Begin | Resume | Pace | Acknowledge | Simple
+Command = Begin | Correct | Resume | Pace | Acknowledge | Simple
 _COMMAND: TypeAdapter[Command] = TypeAdapter(Annotated[Command, Field(discriminator="kind")])
 
 

@@ -15,6 +15,7 @@ from starlette.testclient import TestClient
 from juicer.annotation.versions import read_versions
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
+from juicer.episode import Episode, Source
 from juicer.pages.application import create_application
 from juicer.pages.workplace import Workplace
 from juicer.storage.annotations import Annotation, write_annotations
@@ -169,16 +170,34 @@ def test_agreed_marks_leave_as_tables(client, address):
     assert client.get(f"{address}/labels.exe").status_code == 400
 
 
-def test_every_critical_state_that_the_task_expects_is_listed_found_or_not(client, tmp_path, episode_factory):
-    store, episode = ArtifactStore(tmp_path / "data"), episode_factory(9, task="lamp", num_parts=3)
+def proposed(tmp_path: Path, episode: Episode, states: dict[int, int]) -> str:
+    """Address of an episode with proposals, steps by critical state."""
+    store = ArtifactStore(tmp_path / "data")
     ingest = Recipe("ingest", "episodes", config={"task": "lamp"})
     with store.create(ingest) as draft:
         write_episodes(draft.path, [episode], {})
     with store.create(Recipe("annotate", "annotations", inputs={"episodes": (ingest.ref,)})) as draft:
-        write_annotations(draft.path, [Annotation(episode.record.episode_id, 4, 2, "proposed", 0.5)])
-    (only,) = work(client, f"/annotate/{ingest.ref.id}")["episodes"]
+        identity = episode.record.episode_id
+        write_annotations(
+            draft.path, [Annotation(identity, at, state, "proposed", 0.5) for state, at in states.items()]
+        )
+    return f"/annotate/{ingest.ref.id}"
+
+
+def test_every_critical_state_that_the_task_expects_is_listed_found_or_not(client, tmp_path, episode_factory):
+    address = proposed(tmp_path, episode_factory(9, task="lamp", num_parts=3), {2: 4})
+    (only,) = work(client, address)["episodes"]
     assert [mark["proposal"] and mark["proposal"]["step"] for mark in only["marks"]] == [None, None, 4, None, None]
-    assert client.get(f"/annotate/{ingest.ref.id}").text.count("The last step at which") == 5
+    assert all(mark["expected"] for mark in only["marks"])
+    assert client.get(address).text.count("The last step at which") == 5
+
+
+def test_critical_states_that_may_lie_before_a_correction_are_not_expected_of_it(client, tmp_path, episode_factory):
+    correction = episode_factory(
+        9, task="lamp", num_parts=3, source=Source.CORRECTION, parent="0123456789abcdef", parent_step=300
+    )
+    (only,) = work(client, proposed(tmp_path, correction, {3: 1, 4: 6}))["episodes"]
+    assert [mark["expected"] for mark in only["marks"]] == [False, False, False, True, True]
 
 
 def test_pages_show_what_is_there(client, address):

@@ -139,7 +139,7 @@ import('/static/teleop/screen.js').then(async ({Screen}) => {
 """
 
 
-def test_an_image_is_shown_even_if_a_later_frame_without_it_is_here_first(serve, tmp_path, browser):
-    with serve(tmp_path) as server:
+def test_an_image_is_shown_even_if_a_later_frame_without_it_is_here_first(tmp_path, browser):
+    with serving(tmp_path) as server:
         browser.open(server.teleop)
         assert browser.evaluate(OVERTAKEN) == [255, 255, 255, 255]

@@ -2,110 +2,22 @@
 
 from __future__ import annotations
 
-import json
 import struct
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
-from typing import Any
 
 import pytest
-from starlette.testclient import TestClient, WebSocketTestSession
+from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from flows.servers.guard import Guard
-from juicer.artifacts.store import ArtifactStore
 from juicer.pages.access import Access
-from juicer.pages.application import create_application
 from juicer.pages.teleoperating.under_way import MOST
-from juicer.pages.workplace import Workplace
 from juicer.teleoperation.messages import MOST_BYTES
 from juicer.teleoperation.painter import PANES
 from juicer.teleoperation.work import STANDING_STEPS
+from tests.pages.teleoperating.talking import HEADER
 
-HEADER = struct.Struct("<BBHiiiid")
 TOKEN = "f" * 32
-
-
-@pytest.fixture
-def application(tmp_path):
-    return create_application(Workplace(ArtifactStore(tmp_path / "store"), tmp_path))
-
-
-@pytest.fixture
-def client(application) -> Iterator[TestClient]:
-    with TestClient(application) as client:
-        yield client
-
-
-class Page:
-    """What a page does, without a browser."""
-
-    def __init__(self, socket: WebSocketTestSession) -> None:
-        self._socket = socket
-        self.status: dict[str, Any] = {}
-        self.refusals: list[str] = []
-        self.frames: list[bytes] = []
-        self.sequence = 0
-        self.edges: dict[str, int] = {}
-        self.greeting = json.loads(socket.receive_text())
-
-    def say(self, message: object) -> None:
-        self._socket.send_text(message if isinstance(message, str) else json.dumps(message))
-
-    def hold(self, *keys: str) -> None:
-        self.sequence += 1
-        self.say({"source": "keyboard", "sequence": self.sequence, "held": keys, "edges": self.edges})
-
-    def press(self, key: str) -> None:
-        self.edges[key] = self.edges.get(key, 0) + 1
-        self.hold()
-
-    def hear(self, paints: bool = True) -> None:
-        """Take one message, and acknowledge it if it is a frame."""
-        message = self._socket.receive()
-        if message["type"] == "websocket.close":
-            raise WebSocketDisconnect(message["code"], message.get("reason"))
-        if data := message.get("bytes"):
-            self.frames.append(data)
-            if paints:
-                self.say({"kind": "painted", "number": HEADER.unpack_from(data)[3]})
-            return
-        content = json.loads(message["text"])
-        if content.pop("kind") == "refused":
-            self.refusals.append(content["sentence"])
-        else:
-            self.status |= content
-
-    def until(self, test: Callable[[], bool], *keys: str, silent: bool = False) -> None:
-        end = time.monotonic() + 60
-        while not test():
-            assert time.monotonic() < end, "it never came"
-            if not silent:
-                self.hold(*keys)
-            self.hear()
-
-    def begin(self, **order: object) -> None:
-        self.say({"kind": "begin", "task": "one_leg", "operator": "Anna", "target": 3, **order})
-        self.until(lambda: self.status.get("going_on", False) and len(self.frames) > 0, silent=True)
-
-    def steps(self) -> int:
-        return self.status["step"]
-
-
-@pytest.fixture
-def connect(client) -> Iterator[Callable[[], Page]]:
-    with ExitStack() as sockets:
-
-        def open_page() -> Page:
-            return Page(sockets.enter_context(client.websocket_connect("/teleop/live")))
-
-        yield open_page
-
-
-@pytest.fixture
-def page(connect) -> Page:
-    return connect()
 
 
 def test_page_is_served_with_nothing_inline(client):

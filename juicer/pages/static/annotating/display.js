@@ -133,7 +133,8 @@ export class Display {
     const rows = queue.entries.filter((each) => each.episode === entry.episode).map((each) => {
       const mine = own(each, author) ?? each.opinions.at(-1);
       const step = each.pending?.step ?? mine?.step;
-      const words = step === undefined ? made("span", { class: "bad" }, "○ missing")
+      const words = step === undefined && !each.expected ? made("span", {}, "– before it begins?")
+        : step === undefined ? made("span", { class: "bad" }, "○ missing")
         : each.disputed || each.pending?.refused ? made("span", { class: "bad" }, "≠ disputed") : made("span", { class: "good" }, `✓ step ${step}`);
       return made("li", each === entry ? { "aria-current": "true" } : {}, made("span", {}, this.setting.states[each.state].name), words);
     });

@@ -24,6 +24,8 @@ export class Queue {
     if (entry.pending) return Boolean(entry.pending.refused);
     if (which === "all") return !entry.judged;
     if (which === "disputed") return entry.disputed;
+    // What was not found in a correction may lie before its beginning; it can be marked among all.
+    if (!entry.expected && !entry.opinions.length) return false;
     if (which === "mine") return !own(entry, author);
     return entry.opinions.length === 0;
   }

@@ -11,7 +11,6 @@ const phases = {
   recording: "Recording", idle: "Idle", paused: "Paused", over: "Ended", watching: "Watching",
 };
 let screen = null;
-let greeting = null;
 let motions = new Set();
 
 const connection = new Connection();
@@ -50,19 +49,26 @@ input.addEventListener("help", () => {
 });
 
 function greet(content) {
-  greeting = content;
-  trouble("");
+  trouble(content.problems.join("; "));
+  say("own-keys", content.folder);
   const form = element("begin");
-  options(form.task, content.tasks);
-  options(form.randomness, content.randomness);
+  // A rollout that is finished by hand has its task and randomness.
+  if (form.task) {
+    options(form.task, content.tasks);
+    options(form.randomness, content.randomness);
+  }
   options(form.keys, content.key_maps);
-  for (const field of form.elements) {
+  for (const field of rememberedFields(form)) {
     const remembered = localStorage.getItem(`teleop.${field.name}`);
-    if (field.name && remembered !== null && (field.tagName === "INPUT" || [...field.options].some((each) => each.value === remembered))) {
+    if (remembered !== null && (field.tagName === "INPUT" || [...field.options].some((each) => each.value === remembered))) {
       field.value = remembered;
     }
   }
   screen = new Screen(element("panes"), content.panes);
+}
+
+function rememberedFields(form) {
+  return [...form.elements].filter(({ name, type }) => name && type !== "hidden" && type !== "checkbox");
 }
 
 function options(select, values) {
@@ -72,6 +78,8 @@ function options(select, values) {
 function show(news) {
   const before = { ...status };
   Object.assign(status, news);
+  // A device that is gone is a hand that let go of everything.
+  if (before.spacemouse && !status.spacemouse && status.going_on) input.release();
   element("setup").hidden = status.going_on;
   element("drive").hidden = !status.going_on;
   if (news.key_list) showKeys(status.key_list);
@@ -98,9 +106,9 @@ function show(news) {
 }
 
 function episode() {
-  const { task, seed, step, acted, assembled, pairs, gripper_closes: closes, slow } = status;
+  const { task, origin, step, acted, assembled, pairs, gripper_closes: closes, slow } = status;
   const seconds = (acted / 10).toFixed(1);
-  return `${task}, state ${seed}: ${seconds} s recorded in ${step} steps; ${assembled} of ${pairs} assembled; gripper ${closes ? "closed" : "open"}${slow ? "; slow" : ""}`;
+  return `${task}, ${origin}: ${seconds} s recorded in ${step} steps; ${assembled} of ${pairs} assembled; gripper ${closes ? "closed" : "open"}${slow ? "; slow" : ""}`;
 }
 
 function showKept(kept) {
@@ -117,15 +125,18 @@ function showKept(kept) {
 function showDrafts(drafts) {
   element("drafts").hidden = !drafts.length;
   element("draft-list").replaceChildren(
-    ...drafts.map(({ task, draft, operator, began, seconds }) => {
+    ...drafts.map(({ task, draft, operator, began, seconds, parent_step: from }) => {
       const item = document.createElement("li");
       const about = document.createElement("span");
       const when = began.slice(0, 16).replace("T", " ");
-      about.textContent = `${task}${operator ? `, ${operator}` : ""}, begun ${when}: ${seconds.toFixed(1)} s recorded`;
-      const target = () => Number(element("begin").elements.target.value);
+      const correction = from === null ? "" : `, a rollout from step ${from} on`;
+      about.textContent = `${task}${correction}${operator ? `, ${operator}` : ""}, begun ${when}: ${seconds.toFixed(1)} s recorded`;
+      const { target, spacemouse } = element("begin").elements;
       item.append(
         about,
-        button("Go on with it", () => connection.send({ kind: "resume", task, draft, target: target() })),
+        button("Go on with it", () => connection.send({
+          kind: "resume", task, draft, target: Number(target.value), spacemouse: spacemouse.checked,
+        })),
         button("Remove it", () => connection.send({ kind: "forget", task, draft })),
       );
       return item;
@@ -206,10 +217,10 @@ function trouble(sentence) {
 
 element("begin").addEventListener("submit", (event) => {
   event.preventDefault();
-  const form = new FormData(event.target);
-  const choice = Object.fromEntries(form);
-  for (const [name, value] of form) localStorage.setItem(`teleop.${name}`, value);
-  connection.send({ ...choice, kind: "begin", target: Number(choice.target) });
+  for (const { name, value } of rememberedFields(event.target)) localStorage.setItem(`teleop.${name}`, value);
+  const { target, episode, step, ...choice } = Object.fromEntries(new FormData(event.target));
+  const rollout = choice.artifact ? { kind: "correct", episode: Number(episode), step: Number(step) } : { kind: "begin" };
+  connection.send({ ...choice, ...rollout, target: Number(target), spacemouse: event.target.spacemouse.checked });
   document.activeElement?.blur();
   input.isActive = true;
 });

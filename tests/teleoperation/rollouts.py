@@ -1,0 +1,43 @@
+"""A rollout that got stuck, for people to finish."""
+
+from __future__ import annotations
+
+from juicer.demonstration.log import OperatorLog
+from juicer.episode import Episode, EpisodeRecord, Outcome, Source
+from juicer.expert.operator import ScriptedOperator
+from juicer.seed_ranges import SEED_RANGES, Purpose
+from juicer.seeding import stream
+from juicer.sim.env import AssemblyEnv
+from juicer.sim.recorder import EpisodeRecorder
+from juicer.teleoperation.origin import origin_of
+from juicer.teleoperation.take import Provenance, Take
+
+SEED = SEED_RANGES[Purpose.COLLECTION][3]
+STUCK_FOR = 20
+
+
+def stuck_rollout() -> Episode:
+    """One that lifts the leg of one_leg, and then does nothing more."""
+    env = AssemblyEnv("one_leg")
+    env.reset(seed=SEED)
+    operator, recorder = ScriptedOperator(env.task, stream(0, "operator", SEED)), EpisodeRecorder(env)
+    while "leg_lifted" not in recorder.info.get("milestones", ()):
+        action = operator.act(recorder.observation).action
+        recorder.step(action)
+    for _ in range(STUCK_FOR):
+        recorder.step(action)
+    record = EpisodeRecord(
+        source=Source.ROLLOUT, task="one_leg", randomness="low", seed=SEED, outcome=Outcome.TIMEOUT,
+        milestones=recorder.info["milestones"], policy="0123456789abcdef",
+    )  # fmt: skip
+    return recorder.episode(record)
+
+
+def corrected_log(rollout: Episode, step: int) -> OperatorLog:
+    """What the scripted operator's hands make of a rollout, from one of its steps on."""
+    origin, env = origin_of(rollout, step), AssemblyEnv(rollout.record.task)
+    take, operator = Take(env, origin.seed, origin.state), ScriptedOperator(env.task, stream(1, "operator", SEED))
+    while not take.done:
+        wish = operator.act(take.observation)
+        take.act(wish.action, idle=wish.idle)
+    return take.log(Provenance("Anna", "keyboard", "began", "ended", origin.parent, origin.step))
