@@ -144,6 +144,7 @@ class Work:
         self.ending: Ending | None = None
         self._sources: set[str] = set()
         self._hold: NDArray[np.float64] | None = None
+        self._gripper = OPEN
         self._toggled = False
         self._follow_gripper()
         self._grace = 0

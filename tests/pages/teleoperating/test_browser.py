@@ -12,8 +12,14 @@ from benchmarks.page.driving import COUNT_PAUSES, begin, drive
 from benchmarks.page.hands import Hands
 from benchmarks.page.server import serving
 from benchmarks.page.slow_line import SlowLine
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.store import ArtifactStore
 from juicer.demonstration.ingestion import Demonstration, IngestionConfig, ingest
 from juicer.demonstration.log import read_log
+from juicer.episode import Source
+from juicer.storage.episodes import write_episodes
+from tests.pages.conftest import commit
+from tests.teleoperation.rollouts import stuck_rollout
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")]
 
@@ -65,6 +71,44 @@ def test_a_killed_server_loses_nothing_of_the_episode_in_hand_and_offers_it(tmp_
         browser.until("teleop.status.going_on && teleop.status.step > 0")
         assert shown(browser, "step") >= steps
         browser.until("document.querySelector('#sentence').textContent.includes('interrupted')")
+
+
+@pytest.mark.timeout(1500)
+def test_a_rollout_is_finished_by_hand_from_its_page_though_the_server_is_killed_meanwhile(tmp_path, browser):
+    stuck = stuck_rollout()
+    step, store = len(stuck) - 5, ArtifactStore(tmp_path)
+    ref = commit(store, Recipe("collect", "episodes"), {}, lambda folder: write_episodes(folder, [stuck], {}))
+    with serving(tmp_path) as server:
+        browser.open(f"{server.address}/episodes?artifact={ref}&episode=0&frame={step - 1}&token={server.token}")
+        browser.open(f"{server.address}/episodes?artifact={ref}&episode=0&frame={step - 1}")
+        browser.until("document.querySelector('#where').textContent.startsWith('step')")
+        browser.press("ArrowRight")
+        browser.until(f"document.querySelector('#correct').href.endsWith('frame={step}')")
+        browser.evaluate("document.querySelector('#correct').click()")
+        browser.until("location.pathname === '/teleop' && document.querySelector('select[name=keys]')?.options.length")
+        browser.evaluate("document.querySelector('#begin button').click()")
+        browser.until("teleop.status.going_on && teleop.figures.framesPerSecond > 0")
+        browser.key_down("KeyE")
+        browser.until("teleop.status.step >= 15")
+        server.kill()
+        browser.key_up("KeyE")
+    with serving(tmp_path) as server:
+        browser.open(server.teleop)
+        browser.until("!document.querySelector('#drafts').hidden")
+        assert f"from step {step} on" in browser.evaluate("document.querySelector('#draft-list').innerText")
+        browser.evaluate("document.querySelector('#draft-list button').click()")
+        browser.until("teleop.status.going_on && teleop.status.step > 0 && teleop.status.numbers")
+        for attempt in range(ATTEMPTS):
+            if drive(browser, Hands("one_leg", attempt), SECONDS).success:
+                break
+        browser.until("teleop.status.kept[0].verification.verdict !== 'checking'", 120)
+        assert shown(browser, "kept[0].verification.verdict") == "verified", shown(browser, "kept")
+    (path,) = (tmp_path / "teleoperation" / "one_leg").glob("*.npz")
+    (correction,) = ingest([path], IngestionConfig(task="one_leg"))
+    assert isinstance(correction, Demonstration)
+    record = correction.episode.record
+    assert (record.source, record.parent, record.parent_step) == (Source.CORRECTION, stuck.record.episode_id, step)
+    assert correction.episode.state(0).tobytes() == stuck.state(step).tobytes()
 
 
 def test_a_key_that_is_held_when_the_page_loses_focus_is_let_go(tmp_path, browser):
