@@ -84,5 +84,5 @@ def drive(browser: Chromium, hands: Hands, most_seconds: float) -> Driven:
     browser.hold((), held)
     if not success:
         browser.press(DISCARD)
-    browser.until(f"teleop.status.seed !== {seed}")
+    browser.until("teleop.status.step === 0")  # the next one is there
     return Driven(seed, success, seconds, step, acted, presses, undos)
