@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -170,7 +170,7 @@ def _listed(ref: ArtifactRef, folder: Path) -> EpisodeList:
                 length=int(reader.lengths[number]),
                 parts_assembled=record.parts_assembled,
                 milestones=record.milestones,
-                origin=record.log or (f"grown from {record.parent}" if record.parent else ""),
+                origin=", ".join(_origin(record)),
                 place=number,
                 is_correctable=_is_correctable(record),
             )
@@ -178,6 +178,14 @@ def _listed(ref: ArtifactRef, folder: Path) -> EpisodeList:
         )
     task = reader.records[0].task if reader.records else ""
     return EpisodeList(ref, task, _milestones(task, lines), lines, STATE_KEY in reader.schema)
+
+
+def _origin(record: EpisodeRecord) -> Iterator[str]:
+    if record.log:
+        yield record.log
+    if record.parent:
+        at = "" if record.parent_step is None else f" at step {record.parent_step}"
+        yield f"grown from {record.parent}{at}"
 
 
 def _is_correctable(record: EpisodeRecord) -> bool:

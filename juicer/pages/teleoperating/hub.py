@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from juicer.artifacts.store import ArtifactStore
-from juicer.errors import ConfigError, DeviceUnavailable, JuicerError, RefusedMessage, UnusableDraft, did_you_mean
+from juicer.errors import ConfigError, DeviceUnavailable, RefusedMessage, UnusableDraft, did_you_mean
 from juicer.pages.browsing.episodes import recorded_episode
 from juicer.pages.teleoperating.under_way import UnderWay
 from juicer.pages.teleoperating.wire import Begin, Correct, Order, Pace, Resume
@@ -233,7 +233,7 @@ class Hub:
         mouse = await asyncio.to_thread(open_spacemouse) if order.spacemouse else None
         try:
             work = await asyncio.to_thread(make)
-        except JuicerError:
+        except BaseException:
             if mouse:
                 mouse.close()
             raise

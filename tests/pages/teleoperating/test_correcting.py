@@ -58,6 +58,13 @@ def test_the_page_of_a_rollout_leads_to_its_correction(client, rollouts, step):
     assert f'href="/teleop?artifact={rollouts}&amp;episode=0&amp;frame={step}">Finish by hand from here</a>' in shown
 
 
+def test_the_page_of_a_correction_says_what_it_was_grown_from(client, keep, stuck):
+    facts = {"source": Source.CORRECTION, "parent": "0123456789abcdef", "parent_step": 7, "log": "a.npz"}
+    ref = keep(replace(stuck, record=replace(stuck.record, **facts, episode_id="")), "ingest")
+    shown = client.get("/episodes", params={"artifact": str(ref), "episode": 0}, headers=HTML).text
+    assert "a.npz, grown from 0123456789abcdef at step 7" in shown
+
+
 def test_what_is_no_rollout_that_was_collected_has_no_such_link(client, run):
     for ref in (run.episodes, run.evaluation):
         shown = client.get("/episodes", params={"artifact": str(ref), "episode": 0}, headers=HTML).text

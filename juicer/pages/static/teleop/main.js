@@ -129,7 +129,7 @@ function showDrafts(drafts) {
       const item = document.createElement("li");
       const about = document.createElement("span");
       const when = began.slice(0, 16).replace("T", " ");
-      const correction = from === null ? "" : `, a rollout from step ${from} on`;
+      const correction = from === null ? "" : `, finishing a rollout from step ${from} on`;
       about.textContent = `${task}${correction}${operator ? `, ${operator}` : ""}, begun ${when}: ${seconds.toFixed(1)} s recorded`;
       const { target, spacemouse } = element("begin").elements;
       item.append(
