@@ -236,5 +236,5 @@ def test_a_report_says_what_its_conditions_change_of_the_evaluation(finished, ca
     facts = _facts(varied, outcome, store)
     assert facts["Evaluation episodes a model"] == "2 or 3"
     assert facts["Shifts"].startswith("shoved: ")
-    _say_outcome(outcome, config, store)
+    _say_outcome(outcome, config, store, pages="")
     assert "one_leg, low and med randomness: success rates" in capsys.readouterr().out
