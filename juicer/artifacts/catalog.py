@@ -148,7 +148,7 @@ class Catalog:
         """Know what an earlier one wrote into a folder, which may be nothing."""
         self._store = store
         self._file = folder / FILE
-        self._entries = _kept(self._file)
+        self._entries = _kept(self._file, store.url)
         self._lock = threading.Lock()
         self._reading: threading.Thread | None = None
 
@@ -167,7 +167,9 @@ class Catalog:
     def whole(self, kind: str | None = None) -> Contents:
         """All that is there, of one kind or of all, however long the reading takes."""
         listing = self._store.survey(kind)
-        self._read(self._unread(listing.refs))
+        # What has no stamp may have been written since.
+        unstamped = [ref for ref in listing.refs if not self._store.stamp(ref)]
+        self._read(list(dict.fromkeys([*self._unread(listing.refs), *unstamped])))
         return self._contents(listing)
 
     def _unread(self, refs: Iterable[ArtifactRef]) -> Sequence[ArtifactRef]:
@@ -209,14 +211,15 @@ class Catalog:
 
     def _keep(self) -> None:
         """Write what is known of all that is still there, for whoever lists them next."""
+        known, there = set(self._entries), set(self._store.survey().refs)
         with self._lock:
-            there = set(self._store.survey().refs)
+            there |= set(self._entries) - known
             self._entries = {ref: entry for ref, entry in self._entries.items() if ref in there}
             whole = [entry for entry in self._entries.values() if not entry.trouble]
         draft = self._file.with_name(f"{FILE}.{os.getpid()}.draft")
         try:
             draft.touch(_PRIVATE)
-            draft.write_bytes(_ENTRIES.dump_json(whole))
+            draft.write_bytes(_KEPT.dump_json(_Kept(self._store.url, whole)))
             draft.replace(self._file)
         except OSError as error:
             # It only saves time.
@@ -230,12 +233,23 @@ def catalog_of(store: ArtifactStore, folder: Path) -> Catalog:
     return Catalog(store, folder)
 
 
-_ENTRIES = TypeAdapter(list[Entry])
+@dataclass(frozen=True)
+class _Kept:
+    """What a file keeps: entries of one store, as another may hold other artifacts by the same names."""
+
+    store: str
+    entries: list[Entry]
 
 
-def _kept(file: Path) -> dict[ArtifactRef, Entry]:
+_KEPT = TypeAdapter(_Kept)
+
+
+def _kept(file: Path, store: str) -> dict[ArtifactRef, Entry]:
     try:
-        return {entry.ref: entry for entry in _ENTRIES.validate_json(read_bounded(file, MOST_BYTES))}
+        kept = _KEPT.validate_json(read_bounded(file, MOST_BYTES))
+        if kept.store != store or not all(entry.moment for entry in kept.entries):
+            return {}
+        return {entry.ref: entry for entry in kept.entries}
     except (OSError, ValueError):
         return {}
 

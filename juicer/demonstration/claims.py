@@ -117,7 +117,7 @@ class ClaimChecker:
 
     def _assembled_before(self, env: AssemblyEnv, log: OperatorLog, state: NDArray[np.float64]) -> set[int]:
         """Pairs that are assembled where a log begins: none after a reset, in mid-rollout what its state says."""
-        if log.parent is None:
+        if log.first_step == 0:
             self._check_beginning(env, log, state)
             return set()
         return {int(pair) for pair in np.flatnonzero(StateSections.of(env, state[None]).assembled[0])}

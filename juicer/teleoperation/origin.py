@@ -39,13 +39,13 @@ def require_correctable(record: EpisodeRecord) -> None:
     """
     if record.source is not Source.ROLLOUT:
         raise NotCorrectable(
-            f"episode {record.episode_id} is no rollout of a policy (its source is {record.source}); "
+            f"episode {record.episode_id} is not a rollout of a policy (its source is {record.source}); "
             "only rollouts are finished by hand"
         )
     if record.seed not in SEED_RANGES[Purpose.COLLECTION]:
         raise EvaluationOnly(
-            f"rollout {record.episode_id} is of an evaluation, and nothing may be learned from its initial state; "
-            "only rollouts that a run has collected are finished by hand"
+            f"rollout {record.episode_id} was not collected to be learned from: its seed {record.seed} is not one of those "
+            "for collection; only rollouts that a run has collected are finished by hand"
         )
     require_unshifted([record], f"rollout {record.episode_id}")
 

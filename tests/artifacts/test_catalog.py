@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import os
+import shutil
 import stat
 from pathlib import Path
 
@@ -92,3 +95,23 @@ def test_what_is_kept_is_for_the_owner_alone(store, refs, tmp_path):
 
 def test_a_folder_in_which_nothing_can_be_kept_is_enough(store, refs, tmp_path):
     assert set(listed(store, tmp_path / "nowhere")) == set(refs)
+
+
+def test_what_is_kept_of_one_store_says_nothing_of_another(store, refs, tmp_path):
+    listed(store, tmp_path)
+    elsewhere = ArtifactStore(tmp_path / "elsewhere")
+    shutil.copytree(store.cache / str(refs[1]), elsewhere.cache / str(refs[1]))
+    path = elsewhere.cache / str(refs[1]) / MANIFEST_NAME
+    before = (store.cache / str(refs[1]) / MANIFEST_NAME).stat()
+    path.write_text(path.read_text().replace("made by", "made at"))
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert "is damaged" in listed(elsewhere, tmp_path)[refs[1]]
+
+
+@pytest.mark.parametrize("text", ["", "[]", "nonsense", '{"store": "STORE", "entries": [ENTRY]}'])
+def test_a_file_that_was_altered_is_passed_over(store, refs, tmp_path, text):
+    listed(store, tmp_path)
+    kept = json.loads((tmp_path / FILE).read_text())
+    entry = json.dumps(kept["entries"][0] | {"finished": "yesterday"})
+    (tmp_path / FILE).write_text(text.replace("STORE", kept["store"]).replace("ENTRY", entry))
+    assert set(listed(store, tmp_path)) == set(refs)

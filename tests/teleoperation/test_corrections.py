@@ -13,7 +13,7 @@ from juicer.annotation.annotate import annotate
 from juicer.annotation.propose import AnnotationConfig
 from juicer.demonstration.ingestion import Demonstration, Ingestion, IngestionConfig, UnusableLog
 from juicer.demonstration.log import OperatorLog, read_log, write_log
-from juicer.episode import Episode, Outcome, Source
+from juicer.episode import ID_DIGITS, Episode, Outcome, Source
 from juicer.errors import EvaluationOnly, InvalidEpisode, NotCorrectable, RejectedLog, StateMissing
 from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.teleoperation.controls import Intent
@@ -176,6 +176,12 @@ def test_a_log_that_lies_about_its_beginning_is_rejected(log, changes, reason):
         Ingestion(IngestionConfig(task="one_leg")).ingest_log(replace(log, **changes))
 
 
+def test_a_whole_episode_from_another_seed_does_not_pass_for_a_correction(one_leg_log):
+    told = replace(one_leg_log, seed=SEED_RANGES[Purpose.COLLECTION][5], parent="0" * ID_DIGITS, parent_step=0)
+    with pytest.raises(RejectedLog, match="reset"):
+        Ingestion(IngestionConfig(task="one_leg")).ingest_log(told)
+
+
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
@@ -211,7 +217,7 @@ def test_a_copy_of_a_correction_is_known(log, tmp_path):
     ("changes", "error", "reason"),
     [
         ({"source": Source.TELEOP}, NotCorrectable, "only rollouts are finished by hand"),
-        ({"seed": SEED_RANGES[Purpose.EVALUATION][5]}, EvaluationOnly, "is of an evaluation"),
+        ({"seed": SEED_RANGES[Purpose.EVALUATION][5]}, EvaluationOnly, "was not collected"),
         ({"shift": '{"kind":"push"}'}, EvaluationOnly, "made under a shift"),
     ],
 )

@@ -141,7 +141,7 @@ def episode_still(workplace: TheWorkplace, artifact: Word, episode: Number, fram
 def lineage(request: Request, workplace: TheWorkplace, artifact: Word = "", first: Number = 0) -> Response:
     """What an artifact was made from, and what was made from it."""
     if not artifact:
-        return _choice(request, workplace, "Lineage", KINDS_OF_RESULTS, first, "No policy was trained yet")
+        return _choice(request, workplace, "Lineage", KINDS_OF_RESULTS, first, "No policy has been trained yet")
     store = workplace.store
     ref = store.resolve(artifact)
     contents = catalog_of(store, workplace.folder).contents()

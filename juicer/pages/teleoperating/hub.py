@@ -174,7 +174,7 @@ class Hub:
 
         Raises:
             RefusedMessage: If another page has the controls.
-            ArtifactError: If there is no such episode, or no more; what went on goes on.
+            ArtifactError: If there is no such episode (any more); what went on goes on.
             JuicerError: If it cannot be gone on from, see :func:`~juicer.teleoperation.origin.origin_of`, or as for
                 :meth:`begin`.
         """
@@ -294,7 +294,10 @@ class Hub:
             "spacemouse": self._mouse is not None,
         }
         if frame := self.frame:
-            told |= {**asdict(frame.snapshot.status), "problem": self._mouse_problem or frame.problem}
+            told |= {
+                **asdict(frame.snapshot.status),
+                "problem": " ".join(filter(None, (self._mouse_problem, frame.problem))),
+            }
             if client.wants_numbers:
                 told["numbers"] = frame.snapshot.numbers()
         return told

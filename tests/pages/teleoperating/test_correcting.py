@@ -135,7 +135,7 @@ def test_a_step_that_there_is_not_is_a_page_with_a_sentence(client, rollouts, as
 def test_what_no_correction_may_be_grown_from_is_a_page_with_a_sentence(client, keep, stuck):
     changes = {
         "only rollouts are finished by hand": {"source": Source.TELEOP},
-        "is of an evaluation": {"seed": SEED_RANGES[Purpose.EVALUATION][0]},
+        "was not collected": {"seed": SEED_RANGES[Purpose.EVALUATION][0]},
         "made under a shift": {"shift": '{"kind":"push"}'},
     }
     for number, (reason, change) in enumerate(changes.items()):

@@ -28,8 +28,12 @@ connection.addEventListener("closed", ({ detail }) => {
   trouble(detail || "The connection to the server is gone; this page connects again by itself");
 });
 connection.addEventListener("frame", async ({ detail: frame }) => {
-  await screen?.paint(frame);
-  connection.send({ kind: "painted", number: frame.number });
+  try {
+    await screen?.paint(frame);
+  } finally {
+    // An image that cannot be shown must not hold up the next ones.
+    connection.send({ kind: "painted", number: frame.number });
+  }
   document.documentElement.dataset.heard = frame.heard;
 });
 connection.addEventListener("message", ({ detail: { kind, ...content } }) => {
