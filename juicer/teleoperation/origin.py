@@ -44,8 +44,8 @@ def require_correctable(record: EpisodeRecord) -> None:
         )
     if record.seed not in SEED_RANGES[Purpose.COLLECTION]:
         raise EvaluationOnly(
-            f"rollout {record.episode_id} was not collected to be learned from: its seed {record.seed} is not one of those "
-            "for collection; only rollouts that a run has collected are finished by hand"
+            f"rollout {record.episode_id} was not collected to be learned from: its seed {record.seed} is not one of "
+            "those for collection; only rollouts that a run has collected are finished by hand"
         )
     require_unshifted([record], f"rollout {record.episode_id}")
 

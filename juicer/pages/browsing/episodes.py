@@ -46,7 +46,7 @@ class Line:
     is_correctable: bool = False
 
     def lacks(self, milestones: Sequence[str]) -> str:
-        """The first milestone that it did not reach; empty for a success, whose first ones may lie before its beginning."""
+        """The first milestone that it did not reach; empty for a success, which may begin behind some."""
         if self.outcome is Outcome.SUCCESS:
             return ""
         return next((name for name in milestones if name not in self.milestones), "")

@@ -88,6 +88,7 @@ class Hub:
         self._painter: Painter | None = None
         self._mouse: SpaceMouse | None = None
         self._mouse_problem = ""
+        self._starting = asyncio.Lock()
         self._key_map: KeyMap = DEFAULT
         self._verifier = Verifier()
         self._number = 0
@@ -229,25 +230,27 @@ class Hub:
         return Work(choice, Logs(self.folder / choice.task, choice.task, self._verifier), origin)
 
     async def _start(self, client: Client, order: Order, make: Callable[[], Work]) -> None:
-        # Building a scene takes a second, in which others are to be served.
-        mouse = await asyncio.to_thread(open_spacemouse) if order.spacemouse else None
-        try:
-            work = await asyncio.to_thread(make)
-        except BaseException:
-            if mouse:
-                mouse.close()
-            raise
-        self.end()
-        self._mouse = mouse
-        self._key_map = self._find_key_map(work.choice.keys)
-        self._session = Session(work, self._number)
-        self._painter = Painter(self._session)
-        self._session.start()
-        self._painter.start()
-        for each in self._clients:
-            each.number, each.sent = -1, {}
-            self._painter.watch(each.wake)
-        self.give_controls(client)
+        # Building a scene takes a second, in which others are to be served, but not to begin something else.
+        async with self._starting:
+            self._check_drives(client)
+            mouse = await asyncio.to_thread(open_spacemouse) if order.spacemouse else None
+            try:
+                work = await asyncio.to_thread(make)
+            except BaseException:
+                if mouse:
+                    mouse.close()
+                raise
+            self.end()
+            self._mouse = mouse
+            self._key_map = self._find_key_map(work.choice.keys)
+            self._session = Session(work, self._number)
+            self._painter = Painter(self._session)
+            self._session.start()
+            self._painter.start()
+            for each in self._clients:
+                each.number, each.sent = -1, {}
+                self._painter.watch(each.wake)
+            self.give_controls(client)
 
     def end(self) -> None:
         """End what goes on; what was recorded of the episode in hand stays on the disk."""

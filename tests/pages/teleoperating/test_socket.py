@@ -246,3 +246,13 @@ def test_other_web_pages_get_no_socket(application, headers):
     guarded = TestClient(Guard(application, {"127.0.0.1:8000"}), base_url="http://127.0.0.1:8000")
     with pytest.raises(WebSocketDisconnect), guarded.websocket_connect("/teleop/live", headers=headers):
         pass
+
+
+def test_of_two_pages_that_begin_at_once_one_is_told_that_the_other_drives(connect):
+    pages = [connect(), connect()]
+    for page in pages:
+        page.say({"kind": "begin", "task": "one_leg"})
+    for page in pages:
+        page.until(lambda page=page: page.status.get("going_on", False) or page.refusals, silent=True)
+    pages[1].until(lambda: len(pages[1].refusals) == 1 or not pages[0].status["going_on"], silent=True)
+    assert [len(page.refusals) for page in pages] == [0, 1]
