@@ -2,7 +2,7 @@
 
     python -m benchmarks.hands [--task one_leg] [--demonstrations 10]
 
-The hands see the numbers that the page shows, and press its keys. An episode that is no success after some time is
+The hands see the numbers that the page shows, and press its keys. An episode that is not a success after some time is
 discarded. Time is real: the machine should have nothing else to do.
 """
 

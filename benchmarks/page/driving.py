@@ -59,7 +59,7 @@ def begin(browser: Chromium, address: str, task: str = "one_leg") -> None:
 
 
 def drive(browser: Chromium, hands: Hands, most_seconds: float) -> Driven:
-    """Drive until the episode ends, or time runs out; what is no success is discarded, and another state begins."""
+    """Drive until the episode ends, or time runs out; what is not a success is discarded, and the next one begins."""
     held: set[str] = set()
     seen, presses, undos, began = -1, 0, 0, time.monotonic()
     while True:

@@ -167,19 +167,19 @@ class Catalog:
     def whole(self, kind: str | None = None) -> Contents:
         """All that is there, of one kind or of all, however long the reading takes."""
         listing = self._store.survey(kind)
-        # What has no stamp may have been written since.
-        unstamped = [ref for ref in listing.refs if not self._store.stamp(ref)]
-        self._read(list(dict.fromkeys([*self._unread(listing.refs), *unstamped])))
+        self._read(self._unread(listing.refs, trusts_unstamped=False))
         return self._contents(listing)
 
-    def _unread(self, refs: Iterable[ArtifactRef]) -> Sequence[ArtifactRef]:
-        """Those of which nothing is known, or no more what their manifests say."""
-        entries = self._entries
-        return [
-            ref
-            for ref in refs
-            if (entry := entries.get(ref)) is None or entry.trouble or entry.stamp != self._store.stamp(ref)
-        ]
+    def _unread(self, refs: Iterable[ArtifactRef], *, trusts_unstamped: bool = True) -> Sequence[ArtifactRef]:
+        """Those of which nothing is known, or what is known may be older than their manifests."""
+
+        def is_known(ref: ArtifactRef) -> bool:
+            entry, stamp = self._entries.get(ref), self._store.stamp(ref)
+            if entry is None or entry.trouble or entry.stamp != stamp:
+                return False
+            return bool(stamp) or trusts_unstamped
+
+        return [ref for ref in refs if not is_known(ref)]
 
     def _contents(self, listing: Listing) -> Contents:
         with self._lock:

@@ -230,7 +230,7 @@ def read_key_map(path: Path) -> KeyMap:
     except RecursionError:
         raise ConfigError(f"{where} cannot be read: it is nested too deeply") from None
     except ValueError as error:
-        raise ConfigError(f"{where} is no valid TOML: {printable(error)}") from None
+        raise ConfigError(f"{where} is not valid TOML: {printable(error)}") from None
     return _made(content, where, printable(path.name))
 
 

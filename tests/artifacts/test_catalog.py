@@ -1,4 +1,4 @@
-"""Lists know what is in a store without reading every manifest each time, and never show what is no longer so."""
+"""Lists know what is in a store without reading every manifest each time, and show what was written since."""
 
 from __future__ import annotations
 

@@ -16,8 +16,8 @@ NPM = shutil.which("npm")
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine"),
-    pytest.mark.skipif(NPM is None, reason="there is no npm, which brings axe-core"),
+    pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium"),
+    pytest.mark.skipif(NPM is None, reason="needs npm, which brings axe-core"),
     pytest.mark.usefixtures("drawing"),
 ]
 

@@ -175,7 +175,7 @@ class Hub:
 
         Raises:
             RefusedMessage: If another page has the controls.
-            ArtifactError: If there is no such episode (any more); what went on goes on.
+            ArtifactError: If the episode does not exist or was removed; what went on goes on.
             JuicerError: If it cannot be gone on from, see :func:`~juicer.teleoperation.origin.origin_of`, or as for
                 :meth:`begin`.
         """

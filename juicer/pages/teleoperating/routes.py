@@ -8,9 +8,9 @@ import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import APIRouter, FastAPI, Query, WebSocket
+from fastapi import APIRouter, FastAPI, WebSocket
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.websockets import WebSocketDisconnect
@@ -18,6 +18,7 @@ from starlette.websockets import WebSocketDisconnect
 from juicer.artifacts.ref import ArtifactRef
 from juicer.errors import JuicerError, RefusedMessage
 from juicer.pages.browsing.episodes import recorded_episode
+from juicer.pages.paging import Number, Word
 from juicer.pages.rendering import page
 from juicer.pages.teleoperating.hub import Client, Hub
 from juicer.pages.teleoperating.wire import Acknowledge, Begin, Correct, Pace, Resume, packed, parse_command
@@ -60,9 +61,9 @@ class _Rollout:
 def teleop(
     request: Request,
     workplace: TheWorkplace,
-    artifact: Annotated[str, Query(max_length=200)] = "",
-    episode: Annotated[int, Query(ge=0, le=10**9)] = 0,
-    frame: Annotated[int, Query(ge=0, le=10**9)] = 0,
+    artifact: Word = "",
+    episode: Number = 0,
+    frame: Number = 0,
 ) -> Response:
     """The page; on a step of a rollout, to finish that by hand."""
     return page(request, "teleop.html", rollout=_rollout(workplace, artifact, episode, frame) if artifact else None)

@@ -125,5 +125,5 @@ def test_a_bad_key_map_is_a_sentence_when_the_page_opens_and_is_not_offered(conn
     page = connect()
     first, second = page.greeting["problems"]
     assert "'KeyW' is bound to both" in first
-    assert "is no valid TOML" in second
+    assert "is not valid TOML" in second
     assert set(page.greeting["key_maps"]) == {"original", "isaaclab", "robosuite"}
