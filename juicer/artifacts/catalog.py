@@ -211,8 +211,11 @@ class Catalog:
 
     def _keep(self) -> None:
         """Write what is known of all that is still there, for whoever lists them next."""
-        known, there = set(self._entries), set(self._store.survey().refs)
         with self._lock:
+            known = set(self._entries)
+        there = set(self._store.survey().refs)
+        with self._lock:
+            # What was read during the survey may be newer than that.
             there |= set(self._entries) - known
             self._entries = {ref: entry for ref, entry in self._entries.items() if ref in there}
             whole = [entry for entry in self._entries.values() if not entry.trouble]
