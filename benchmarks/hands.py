@@ -45,7 +45,7 @@ def main() -> None:
             print(row(driven), flush=True)
         minutes = (time.monotonic() - began) / 60
         browser.until("teleop.status.kept.every(({verification}) => verification.verdict !== 'checking')", 120)
-        print(summary(all_driven, minutes, browser.evaluate("teleop.status.saved")))
+        print(summary(all_driven, minutes, browser.evaluate("teleop.status.demonstrations")))
 
 
 def row(driven: Driven) -> str:

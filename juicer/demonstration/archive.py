@@ -64,12 +64,13 @@ class Archive:
         specs: Type and shape of each, by name.
     """
 
-    def __init__(self, content: bytes, names: Iterable[str]) -> None:
+    def __init__(self, content: bytes, names: Iterable[str], optional: Iterable[str] = ()) -> None:
         """Read the directory, and the headers of the named arrays.
 
         Args:
             content: The whole file.
             names: Arrays that must be there.
+            optional: Arrays that may be.
 
         Raises:
             RejectedLog: If it is no such archive, lacks an array, or is larger than is sensible.
@@ -80,7 +81,8 @@ class Archive:
             self._zip = zipfile.ZipFile(_ShortReads(content))
             if len(self._zip.infolist()) > MOST_ENTRIES:
                 raise RejectedLog(f"it has {len(self._zip.infolist()):,} entries; a log has at most {MOST_ENTRIES}")
-            for name in names:
+            there = {info.filename for info in self._zip.infolist()}
+            for name in (*names, *(name for name in optional if name + _ENDING in there)):
                 self._entries[name] = self._find(name)
                 specs[name] = self._spec(name)
         self.specs: Mapping[str, ArrayHeader] = specs

@@ -141,7 +141,9 @@ def take_over(env: AssemblyEnv, rollout: Episode, operators: OperatorFactory, co
         device=operator.device,
     )
     recorded = recorder.episode(record)
-    keep = steps_to_keep(recorded.steps["action"], np.array(idle), KEPT_AFTER_TOGGLE)
+    keep = steps_to_keep(recorded.steps["action"], np.array(idle), KEPT_AFTER_TOGGLE, rollout.steps["action"][:start])
+    if not keep.any():
+        keep[-1] = True  # who never acted has failed, and an episode has a step
     before = {name: step for name, step in origin.milestones.items() if step <= start}
     return Correction(
         episode=without_idle_steps(recorded, keep),

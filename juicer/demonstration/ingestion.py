@@ -13,7 +13,14 @@ from pydantic import Field
 from juicer.config import StrictConfig
 from juicer.demonstration.claims import ClaimChecker
 from juicer.demonstration.header import LogHeader
-from juicer.demonstration.log import FINAL_PREFIX, LOG, LogFile, OperatorLog
+from juicer.demonstration.log import (
+    FINAL_PREFIX,
+    LOG,
+    PARENT_ACTION,
+    LogFile,
+    OperatorLog,
+    check_parent_actions,
+)
 from juicer.episode import (
     CONTINUOUS_KEY,
     DEMONSTRATION,
@@ -144,12 +151,12 @@ class Ingestion:
             RejectedLog: With the reason, if the log is no good demonstration of the task.
         """
         self._check_facts(log)
-        self._check_shapes({name: values.shape for name, values in log.arrays.items()})
+        self._check_shapes(log, {name: values.shape for name, values in log.arrays.items()})
         return self._demonstration(log, source)
 
     def _ingest_file(self, file: LogFile, source: str) -> Demonstration:
         self._check_facts(file.header)
-        self._check_shapes(file.shapes)
+        self._check_shapes(file.header, file.shapes)
         return self._demonstration(file.read(), source)
 
     def _demonstration(self, log: OperatorLog, source: str) -> Demonstration:
@@ -158,7 +165,7 @@ class Ingestion:
         _check_rewards(log)
         _check_actions(log)
         _check_timestamps(log.timestamp_s, config.max_gap_s)
-        keep = steps_to_keep(log.steps["action"], log.idle, config.kept_after_toggle)
+        keep = steps_to_keep(log.steps["action"], log.idle, config.kept_after_toggle, log.parent_actions)
         num_kept = np.count_nonzero(keep)
         # What is left to be done of a rollout may take a moment only.
         needed = config.min_steps if log.parent is None else 1
@@ -195,8 +202,10 @@ class Ingestion:
             if name not in self._task.milestones:
                 raise RejectedLog(f"unknown milestone '{name}'{did_you_mean(name, self._task.milestones)}")
 
-    def _check_shapes(self, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    def _check_shapes(self, header: LogHeader, shapes: Mapping[str, tuple[int, ...]]) -> None:
         length = shapes["action"][0]
+        if header.parent is not None:
+            check_parent_actions(header, shapes[PARENT_ACTION])
         if length == 0:
             raise RejectedLog("it holds no steps")
         sizes = {"part_poses": (7 * len(self._task.parts),), STATE_KEY: (self._claims.state_size,)}
@@ -217,19 +226,28 @@ class Ingestion:
                 raise RejectedLog(f"the final '{name}' is not finite or unlike those of the steps")
 
 
-def steps_to_keep(actions: NDArray[np.generic], idle: NDArray[np.bool_], kept_after_toggle: int) -> NDArray[np.bool_]:
+def steps_to_keep(
+    actions: NDArray[np.generic],
+    idle: NDArray[np.bool_],
+    kept_after_toggle: int,
+    parent_actions: NDArray[np.generic] | None = None,
+) -> NDArray[np.bool_]:
     """Which steps stay: those in which the operator acted, and those that follow a gripper toggle.
 
     Args:
-        actions: Actions ``(T, 10)``; the gripper starts open.
+        actions: Actions ``(T, 10)``.
         idle: Whether the operator was idle ``(T,)``.
         kept_after_toggle: Steps after a toggle that stay in any case, for the fingers take time to move.
+        parent_actions: Actions since the reset before them ``(P, 10)``; none if left out. At the reset the gripper is
+            open.
     """
-    keep = ~idle
-    toggles = np.flatnonzero(np.diff(gripper_commands(actions), prepend=-1.0))
+    before = 0 if parent_actions is None else len(parent_actions)
+    told = actions if parent_actions is None else np.concatenate([parent_actions, actions])
+    keep = np.concatenate([np.zeros(before, np.bool_), ~idle])
+    toggles = np.flatnonzero(np.diff(gripper_commands(told), prepend=-1.0))
     for step in toggles:
         keep[step : step + 1 + kept_after_toggle] = True
-    return keep
+    return keep[before:]
 
 
 def _check_finite(log: OperatorLog) -> None:
@@ -238,6 +256,8 @@ def _check_finite(log: OperatorLog) -> None:
         broken = np.flatnonzero(~np.isfinite(numbers).all(axis=1))
         if broken.size:
             raise RejectedLog(f"array '{name}' holds NaN or infinite values, first at step {broken[0]}")
+    if not np.isfinite(log.parent_actions).all():
+        raise RejectedLog(f"array '{PARENT_ACTION}' holds NaN or infinite values")
     for name in LOG.ends:
         if not np.isfinite(np.asarray(log.final[name], dtype=np.float64)).all():
             raise RejectedLog(f"the final '{name}' is not finite or unlike those of the steps")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Self
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from juicer.demonstration.archive import MOST_FILE_BYTES, Archive, ArrayHeader, explained
 from juicer.demonstration.header import FORMAT, MOST_HEADER_LETTERS, VERSION, LogHeader, parse_header
-from juicer.episode import SIMULATOR, ArraySpec, Episode, Outcome, Role
+from juicer.episode import ACTION_SIZE, SIMULATOR, ArraySpec, Episode, Outcome, Role
 from juicer.errors import LogNotWritten, RejectedLog
 from juicer.reading import read_bounded
 from juicer.text import printable
@@ -27,6 +27,7 @@ __all__ = [
     "FORMAT",
     "LOG",
     "MOST_STEPS",
+    "PARENT_ACTION",
     "SUFFIX",
     "VERSION",
     "LogFile",
@@ -43,6 +44,9 @@ MOST_STEPS = 20_000
 _HEADER = "header"
 FINAL_PREFIX = "final_"
 """What the names of the arrays after the last step begin with."""
+
+PARENT_ACTION = "parent_action"
+"""Name of the array that only corrections have."""
 
 LOG = SIMULATOR.extended(
     ArraySpec("timestamp_s", (), "float64", Role.DERIVED), ArraySpec("idle", (), "bool", Role.DERIVED)
@@ -64,12 +68,15 @@ class OperatorLog(LogHeader):
         final: Observation and simulator state after the last action.
         timestamp_s: Seconds since the recording began at which each action was sent ``(T,)``.
         idle: Whether the operator commanded nothing, so that the robot held its last target ``(T,)``.
+        parent_actions: Of a correction, the actions that lead from the reset to its beginning ``(parent_step, 10)``;
+            of a demonstration, none.
     """
 
     steps: Mapping[str, NDArray[np.generic]]
     final: Mapping[str, NDArray[np.generic]]
     timestamp_s: NDArray[np.float64]
     idle: NDArray[np.bool_]
+    parent_actions: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, ACTION_SIZE), np.float32))
 
     @classmethod
     def of(
@@ -77,6 +84,7 @@ class OperatorLog(LogHeader):
         episode: Episode,
         timestamp_s: NDArray[np.float64],
         idle: NDArray[np.bool_],
+        parent_actions: NDArray[np.float32] | None = None,
         *,
         success: bool | None = None,
     ) -> Self:
@@ -86,6 +94,7 @@ class OperatorLog(LogHeader):
             episode: What was recorded; its record says by whom, with which device.
             timestamp_s: When each action was sent ``(T,)``.
             idle: Whether the operator commanded nothing ``(T,)``.
+            parent_actions: Of a correction, the actions that lead from the reset to its beginning.
             success: The operator's mark; what the environment says if None.
         """
         record = episode.record
@@ -93,7 +102,10 @@ class OperatorLog(LogHeader):
             entry.name: getattr(record, entry.name) for entry in fields(LogHeader) if entry.name != "success"
         }
         kept = record.outcome is Outcome.SUCCESS if success is None else success
-        return cls(**facts, success=kept, steps=episode.steps, final=episode.final, timestamp_s=timestamp_s, idle=idle)
+        led = {} if parent_actions is None else {"parent_actions": parent_actions}
+        return cls(
+            **facts, **led, success=kept, steps=episode.steps, final=episode.final, timestamp_s=timestamp_s, idle=idle
+        )
 
     def __len__(self) -> int:
         """Number of recorded steps, idle ones included."""
@@ -103,7 +115,8 @@ class OperatorLog(LogHeader):
     def arrays(self) -> Mapping[str, NDArray[np.generic]]:
         """All arrays by the names they have in the file."""
         final = {f"{FINAL_PREFIX}{name}": values for name, values in self.final.items()}
-        return {**self.steps, "timestamp_s": self.timestamp_s, "idle": self.idle, **final}
+        led = {} if self.parent is None else {PARENT_ACTION: self.parent_actions}
+        return {**self.steps, "timestamp_s": self.timestamp_s, "idle": self.idle, **final, **led}
 
 
 class LogFile:
@@ -121,12 +134,18 @@ class LogFile:
             RejectedLog: If it cannot be read, is no operator log, of another version, lacks an array, or says that it
                 is larger than a log is. Nothing but the header has been unpacked then.
         """
-        self._archive = Archive(_content(path), [_HEADER, *_ARRAYS])
+        self._archive = Archive(_content(path), [_HEADER, *_ARRAYS], [PARENT_ACTION])
         specs = self._archive.specs
         self.header = parse_header(self._header_text())
-        for name, dtype in _ARRAYS.items():
+        self._arrays = _arrays_of(self.header)
+        if PARENT_ACTION in self._arrays and PARENT_ACTION not in specs:
+            raise RejectedLog(
+                "it is a correction of an earlier version of juicer, without the actions of its rollout that prove "
+                "where it begins; finish the rollout by hand again"
+            )
+        for name, dtype in self._arrays.items():
             _check_header(name, specs[name], dtype)
-        self.shapes: Mapping[str, tuple[int, ...]] = {name: specs[name].shape for name in _ARRAYS}
+        self.shapes: Mapping[str, tuple[int, ...]] = {name: specs[name].shape for name in self._arrays}
         if self.num_steps > MOST_STEPS:
             raise RejectedLog(f"it holds {self.num_steps:,} steps; a log has at most {MOST_STEPS:,}")
 
@@ -142,13 +161,15 @@ class LogFile:
             RejectedLog: If one cannot be unpacked.
         """
         with explained():
-            arrays = {name: self._read(name, dtype) for name, dtype in _ARRAYS.items()}
+            arrays = {name: self._read(name, dtype) for name, dtype in self._arrays.items()}
+        led = {"parent_actions": arrays[PARENT_ACTION]} if PARENT_ACTION in arrays else {}
         return OperatorLog(
             **{entry.name: getattr(self.header, entry.name) for entry in fields(LogHeader)},
             steps={name: arrays[name] for name in SIMULATOR.names()},
             final={name: arrays[f"{FINAL_PREFIX}{name}"] for name in LOG.ends},
             timestamp_s=arrays["timestamp_s"],
             idle=arrays["idle"],
+            **led,
         )
 
     def _header_text(self) -> str:
@@ -218,10 +239,11 @@ def _content(path: Path) -> bytes:
 def _arrays(log: OperatorLog) -> dict[str, NDArray[Any]]:
     """The arrays of a log as they are stored."""
     given = log.arrays
-    if unknown := sorted(set(given) - set(_ARRAYS)):
+    demanded = _arrays_of(log)
+    if unknown := sorted(set(given) - set(demanded)):
         raise RejectedLog(f"there is no place in a log for the array '{printable(unknown[0])}'")
     arrays = {}
-    for name, dtype in _ARRAYS.items():
+    for name, dtype in demanded.items():
         if name not in given:
             raise RejectedLog(f"array '{name}' is missing")
         try:
@@ -231,7 +253,29 @@ def _arrays(log: OperatorLog) -> dict[str, NDArray[Any]]:
         _check_header(name, ArrayHeader(values.dtype, values.shape), dtype)
         arrays[name] = values.astype(dtype, copy=False)
     _check_shapes({name: values.shape for name, values in arrays.items()})
+    check_parent_actions(log, log.parent_actions.shape)
     return arrays
+
+
+def _arrays_of(header: LogHeader) -> Mapping[str, np.dtype[Any]]:
+    """Types of the arrays that a log must have, by name."""
+    return _ARRAYS if header.parent is None else {**_ARRAYS, PARENT_ACTION: np.dtype(np.float32)}
+
+
+def check_parent_actions(header: LogHeader, shape: tuple[int, ...]) -> None:
+    """Refuse another number of actions before a log's beginning than its header says.
+
+    Raises:
+        RejectedLog: If there is one.
+    """
+    if shape != (header.first_step, ACTION_SIZE):
+        raise RejectedLog(
+            f"array '{PARENT_ACTION}' must have the shape {(header.first_step, ACTION_SIZE)}, got {printable(shape)}"
+        )
+    if header.first_step > MOST_STEPS:
+        raise RejectedLog(
+            f"it begins after {header.first_step:,} steps of its rollout; it may do so after {MOST_STEPS:,}"
+        )
 
 
 def _check_header(name: str, spec: ArrayHeader, dtype: np.dtype[Any]) -> None:

@@ -50,6 +50,7 @@ class Beginning:
         keys: Name of the key map.
         parent: Id of the rollout that it corrects, if it does.
         parent_step: Step of that rollout from which it goes.
+        parent_actions: What was done before that step ``(parent_step, 10)``.
     """
 
     task: str
@@ -60,6 +61,7 @@ class Beginning:
     keys: str = "original"
     parent: str | None = None
     parent_step: int | None = None
+    parent_actions: list[list[float]] | None = None
 
 
 @dataclass(frozen=True)
@@ -182,7 +184,7 @@ class LeftDraft:
         begun = self.beginning
         if begun.parent is None or begun.parent_step is None:
             return None
-        return Origin(begun.parent, begun.parent_step, begun.seed, self.state)
+        return Origin(begun.parent, begun.parent_step, begun.seed, self.state, _actions(begun))
 
     def resume(self, env: AssemblyEnv, act: Callable[[NDArray[np.float32], bool], None]) -> int:
         """Do its steps again, as long as the simulator computes the same; another version of it may not.
@@ -246,6 +248,13 @@ def read_draft(path: Path) -> LeftDraft:
             raise UnusableDraft(f"{where} is of another version of juicer; remove it")
         state = np.array(content.pop("state"), np.float64)
         beginning = Beginning(**content)
+        if beginning.parent is not None and beginning.parent_actions is None:
+            raise UnusableDraft(
+                f"{where} is a correction of an earlier version of juicer, which does not hold the actions of its "
+                "rollout; remove it, and finish the rollout by hand again"
+            )
+        if _actions(beginning).shape != (beginning.parent_step or 0, ACTION_SIZE):
+            raise ValueError
     except OSError as error:
         raise UnusableDraft(f"{where} cannot be read: {error.strerror or error}") from None
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
@@ -259,6 +268,10 @@ def read_draft(path: Path) -> LeftDraft:
 def checksum(state: NDArray[np.float64]) -> int:
     """A number that is another for another simulator state."""
     return zlib.crc32(state.tobytes())
+
+
+def _actions(beginning: Beginning) -> NDArray[np.float32]:
+    return np.array(beginning.parent_actions or [], np.float32).reshape(-1, ACTION_SIZE)
 
 
 def _steps(lines: Iterable[bytes]) -> tuple[list[DraftStep], int]:

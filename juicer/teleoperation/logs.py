@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 from juicer.artifacts.integrity import sync
-from juicer.demonstration.log import SUFFIX, OperatorLog, write_log
+from juicer.demonstration.log import SUFFIX, LogFile, OperatorLog, write_log
+from juicer.errors import RejectedLog
 from juicer.teleoperation.drafts import Beginning, Draft
 from juicer.teleoperation.seeds import claim_next_seed
 from juicer.teleoperation.status import Kept
@@ -35,8 +37,9 @@ class Logs:
         self._task = task
         self._verifier = verifier
         self._written: list[Path] = []
+        self._is_correction: dict[Path, bool] = {}
         self._draft: Draft | None = None
-        self._earlier = sum(1 for _ in folder.glob(f"*{SUFFIX}"))
+        self._earlier = Counter(map(_is_correction, folder.glob(f"*{SUFFIX}")))
 
     def next_seed(self) -> int:
         """Another initial state, see :func:`~juicer.teleoperation.seeds.claim_next_seed`."""
@@ -92,14 +95,27 @@ class Logs:
         sync(self.folder)
         self._in_hand.remove()
         self._written.insert(0, path)
+        self._is_correction[path] = log.parent is not None
         self._verifier.submit(path, self._task)
         return path.name
 
     @property
-    def saved(self) -> int:
-        """Logs in the folder, without those of this session that were not, or not yet, found good."""
+    def demonstrations(self) -> int:
+        """Demonstrations in the folder, without those of this session that were not, or not yet, found good."""
+        return self._good(corrections=False)
+
+    @property
+    def corrections(self) -> int:
+        """The same of corrections."""
+        return self._good(corrections=True)
+
+    def _good(self, *, corrections: bool) -> int:
         good = (Verdict.VERIFIED, Verdict.UNCHECKED)
-        return self._earlier + sum(self._verification(path).verdict in good for path in self._written)
+        return self._earlier[corrections] + sum(
+            self._verification(path).verdict in good
+            for path, is_correction in self._is_correction.items()
+            if is_correction is corrections
+        )
 
     @property
     def kept(self) -> tuple[Kept, ...]:
@@ -113,3 +129,11 @@ class Logs:
     def _in_hand(self) -> Draft:
         assert self._draft is not None, "no episode has begun"
         return self._draft
+
+
+def _is_correction(path: Path) -> bool | None:
+    """Whether a log is one; None if it cannot be read."""
+    try:
+        return LogFile(path).header.parent is not None
+    except RejectedLog:
+        return None

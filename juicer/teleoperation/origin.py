@@ -22,12 +22,14 @@ class Origin:
         step: Step of it from which the operator goes on.
         seed: Initial-state seed of the rollout.
         state: Simulator state before that step.
+        actions: What the policy did before that step ``(step, 10)``: it leads from the reset to the state.
     """
 
     parent: str
     step: int
     seed: int
     state: NDArray[np.float64]
+    actions: NDArray[np.float32]
 
 
 def require_correctable(record: EpisodeRecord) -> None:
@@ -68,4 +70,5 @@ def origin_of(episode: Episode, step: int) -> Origin:
         raise NotCorrectable(
             f"rollout {record.episode_id} has ended at step {step} ({record.outcome}); choose an earlier step"
         )
-    return Origin(record.episode_id, step, record.seed, episode.state(step))
+    actions = np.asarray(episode.steps["action"][:step], np.float32)
+    return Origin(record.episode_id, step, record.seed, episode.state(step), actions)

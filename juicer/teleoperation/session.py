@@ -168,7 +168,8 @@ class Session:
             pairs=len(work.env.task.pairs),
             gripper_closes=work.gripper_closes,
             slow=work.slow,
-            saved=work.logs.saved,
+            demonstrations=work.logs.demonstrations,
+            corrections=work.logs.corrections,
             kept=work.logs.kept,
             folder=str(work.logs.folder),
         )

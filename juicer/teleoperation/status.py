@@ -60,7 +60,8 @@ class Status:
         pairs: Pairs of the task.
         gripper_closes: Whether the gripper was told to close.
         slow: Whether slow mode is on.
-        saved: Good logs in the folder, those of earlier sessions too.
+        demonstrations: Good ones in the folder, those of earlier sessions too; corrections do not count.
+        corrections: Good ones in the folder, likewise.
         kept: What became of the last episodes of this session, newest first.
         folder: Where the logs are.
     """
@@ -82,7 +83,8 @@ class Status:
     pairs: int
     gripper_closes: bool
     slow: bool
-    saved: int
+    demonstrations: int
+    corrections: int
     kept: tuple[Kept, ...]
     folder: str
 

@@ -28,6 +28,7 @@ class Provenance:
         ended: When the last one was.
         parent: Id of the rollout that it corrects, if it does.
         parent_step: Step of that rollout from which it goes.
+        parent_actions: What was done before that step ``(parent_step, 10)``.
     """
 
     operator: str
@@ -36,6 +37,7 @@ class Provenance:
     ended: str
     parent: str | None = None
     parent_step: int | None = None
+    parent_actions: NDArray[np.float32] | None = None
 
 
 class Take(EpisodeRecorder):
@@ -136,4 +138,4 @@ class Take(EpisodeRecorder):
             recorded_at=f"{by.began}/{by.ended}",
         )
         timestamp_s = np.arange(len(self), dtype=np.float64) * STEP_S
-        return OperatorLog.of(self.episode(record), timestamp_s, np.array(self.idle))
+        return OperatorLog.of(self.episode(record), timestamp_s, np.array(self.idle), by.parent_actions)

@@ -13,10 +13,11 @@ from enum import Enum, auto
 import numpy as np
 from numpy.typing import NDArray
 
+from juicer.demonstration.claims import leads_to
 from juicer.demonstration.correction import KEPT_AFTER_TOGGLE
 from juicer.demonstration.log import MOST_STEPS
 from juicer.episode import Outcome
-from juicer.errors import DraftNotWritten, JuicerError, UnusableDraft
+from juicer.errors import DraftNotWritten, JuicerError, NotCorrectable, UnusableDraft
 from juicer.geometry import rot6d_to_matrix, rotvec_to_matrix
 from juicer.gripper import gripper_commands
 from juicer.sim.env import STEP_S, AssemblyEnv
@@ -69,7 +70,7 @@ class Ending(Enum):
 _FAILURES = {
     Outcome.PART_LOST: "A part fell off the table",
     Outcome.DIVERGED: "The simulation broke down",
-    Outcome.TIMEOUT: f"A log holds {MOST_STEPS:,} steps, and this one is full",
+    Outcome.TIMEOUT: f"An episode ends {MOST_STEPS:,} steps after its reset",
 }
 
 
@@ -96,6 +97,7 @@ class Work:
             ConfigError: If there is no such task or randomness.
             LogNotWritten: If the folder of the logs cannot be written.
             InvalidEpisode: If the origin's state is none of this scene.
+            NotCorrectable: If the rollout's actions do not lead to it.
         """
         self.choice = choice
         self.logs = logs
@@ -103,7 +105,23 @@ class Work:
         self.undo_s = 5.0
         self.time_scale = 1.0
         self.env = AssemblyEnv(choice.task, choice.randomness, max_steps=MOST_STEPS)
+        if origin:
+            self._require_reachable(origin)
         self._begin(self._next_seed())
+
+    def _require_reachable(self, origin: Origin) -> None:
+        """Refuse before anybody works at it what could not be verified afterwards."""
+        if origin.step >= MOST_STEPS:
+            raise NotCorrectable(
+                f"an episode ends {MOST_STEPS:,} steps after its reset, those of the rollout among them; choose an "
+                f"earlier step than {origin.step:,}"
+            )
+        self.env.set_state(origin.state)
+        if not leads_to(self.env, origin.seed, origin.actions, origin.state):
+            raise NotCorrectable(
+                f"the actions of rollout {origin.parent} no longer lead to its state at step {origin.step}, as it was "
+                "made by another version of the simulator; collect rollouts anew"
+            )
 
     def _next_seed(self) -> int:
         """A rollout is corrected as often as the operator likes; any other initial state is given once."""
@@ -116,6 +134,7 @@ class Work:
             task=choice.task, randomness=choice.randomness, seed=seed, began=_now(),
             operator=choice.operator, keys=choice.keys,
             parent=origin.parent if origin else None, parent_step=origin.step if origin else None,
+            parent_actions=origin.actions.tolist() if origin else None,
         )  # fmt: skip
         self.logs.begin(self._beginning, self.take)
         self._prepare(note)
@@ -277,7 +296,9 @@ class Work:
             self._keep()
         elif outcome is not None:
             self.ending = Ending.FAILED
-            self._note = f"{_FAILURES[outcome]}: take steps back or discard the episode"
+            among = f", the {self._origin.step:,} of the rollout among them" if self._origin else ""
+            what = _FAILURES[outcome] + (among if outcome is Outcome.TIMEOUT else "")
+            self._note = f"{what}: take steps back or discard the episode"
 
     def _keep(self) -> None:
         keys = f"keys {self.choice.keys}, time scale {self.time_scale:g}"
@@ -300,6 +321,7 @@ class Work:
             ended=_now(),
             parent=beginning.parent,
             parent_step=beginning.parent_step,
+            parent_actions=self._origin.actions if self._origin else None,
         )
 
     def close(self) -> None:

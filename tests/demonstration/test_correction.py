@@ -84,12 +84,25 @@ class Idler:
     """Leaves the device alone."""
 
     device = "none"
+    idle = False
 
     def __init__(self, task: AssemblyTask, seed: int) -> None:
         self._action = np.array([0.5, 0, 0.3, 1, 0, 0, 0, -1, 0, 1.0])
 
     def act(self, observation: object) -> OperatorStep:
-        return OperatorStep(self._action)
+        return OperatorStep(self._action, idle=self.idle)
+
+
+class AbsentOperator(Idler):
+    """Says so, too."""
+
+    idle = True
+
+
+def test_a_gripper_that_is_closed_at_the_beginning_is_no_reason_to_keep_idle_steps(stuck: Episode):
+    env = AssemblyEnv("one_leg", max_steps=10**9)
+    attempt = take_over(env, stuck, AbsentOperator, CONFIG.model_copy(update={"max_steps": 20}))
+    assert len(attempt.episode) == 1
 
 
 def test_an_operator_who_gets_nowhere_gives_up(stuck: Episode):

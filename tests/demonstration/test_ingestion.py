@@ -119,6 +119,13 @@ def test_opening_an_open_gripper_or_a_tiny_command_is_no_toggle():
     assert not steps_to_keep(actions_with(gripper), np.ones(5, bool), kept_after_toggle=12).any()
 
 
+@pytest.mark.parametrize(("closed_before", "kept"), [(20, 0), (5, 8)])
+def test_a_gripper_that_closed_before_a_correction_is_no_toggle_of_it(closed_before, kept):
+    before, after = actions_with([-1.0] * 3 + [1.0] * closed_before), actions_with([1.0] * 40)
+    keep = steps_to_keep(after, np.ones(40, bool), 12, before)
+    assert (len(keep), keep.sum(), keep[:kept].all()) == (40, kept, True)
+
+
 def test_reward_of_a_dropped_step_goes_to_the_step_before(log_with: LogFactory):
     log = log_with()
     last = len(log) - 1

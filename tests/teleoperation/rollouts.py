@@ -9,7 +9,7 @@ from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.seeding import stream
 from juicer.sim.env import AssemblyEnv
 from juicer.sim.recorder import EpisodeRecorder
-from juicer.teleoperation.origin import origin_of
+from juicer.teleoperation.origin import Origin, origin_of
 from juicer.teleoperation.take import Provenance, Take
 
 SEED = SEED_RANGES[Purpose.COLLECTION][3]
@@ -35,9 +35,14 @@ def stuck_rollout() -> Episode:
 
 def corrected_log(rollout: Episode, step: int) -> OperatorLog:
     """What the scripted operator's hands make of a rollout, from one of its steps on."""
-    origin, env = origin_of(rollout, step), AssemblyEnv(rollout.record.task)
+    return corrected_from(origin_of(rollout, step))
+
+
+def corrected_from(origin: Origin) -> OperatorLog:
+    """The same from anywhere in one_leg."""
+    env = AssemblyEnv("one_leg")
     take, operator = Take(env, origin.seed, origin.state), ScriptedOperator(env.task, stream(1, "operator", SEED))
     while not take.done:
         wish = operator.act(take.observation)
         take.act(wish.action, idle=wish.idle)
-    return take.log(Provenance("Anna", "keyboard", "began", "ended", origin.parent, origin.step))
+    return take.log(Provenance("Anna", "keyboard", "began", "ended", origin.parent, origin.step, origin.actions))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -12,10 +13,11 @@ import pytest
 from juicer.annotation.annotate import annotate
 from juicer.annotation.propose import AnnotationConfig
 from juicer.demonstration.ingestion import Demonstration, Ingestion, IngestionConfig, UnusableLog
-from juicer.demonstration.log import OperatorLog, read_log, write_log
+from juicer.demonstration.log import PARENT_ACTION, OperatorLog, read_log, write_log
 from juicer.episode import ID_DIGITS, Episode, Outcome, Source
-from juicer.errors import EvaluationOnly, InvalidEpisode, NotCorrectable, RejectedLog, StateMissing
+from juicer.errors import EvaluationOnly, InvalidEpisode, NotCorrectable, RejectedLog, StateMissing, UnusableDraft
 from juicer.seed_ranges import SEED_RANGES, Purpose
+from juicer.sim.env import AssemblyEnv
 from juicer.teleoperation.controls import Intent
 from juicer.teleoperation.drafts import left_in, read_draft
 from juicer.teleoperation.key_maps import Action
@@ -25,7 +27,7 @@ from juicer.teleoperation.verification import Verdict, Verifier, verify
 from juicer.teleoperation.work import Choice, Ending, Work
 from tests.reader import Reader
 from tests.teleoperation.conftest import assemble
-from tests.teleoperation.rollouts import STUCK_FOR
+from tests.teleoperation.rollouts import STUCK_FOR, corrected_from
 
 LEFT = Intent(twist=(0.0, -0.1, 0.0, 0.0, 0.0, 0.0))
 
@@ -180,6 +182,89 @@ def test_a_whole_episode_from_another_seed_does_not_pass_for_a_correction(one_le
     told = replace(one_leg_log, seed=SEED_RANGES[Purpose.COLLECTION][5], parent="0" * ID_DIGITS, parent_step=0)
     with pytest.raises(RejectedLog, match="reset"):
         Ingestion(IngestionConfig(task="one_leg")).ingest_log(told)
+
+
+def test_a_log_that_begins_in_a_state_that_is_held_out_for_evaluations_is_rejected(stuck):
+    env = AssemblyEnv("one_leg")
+    env.reset(seed=SEED_RANGES[Purpose.EVALUATION][0])
+    actions = stuck.steps["action"][:3]
+    for action in actions:
+        env.step(action)
+    log = corrected_from(Origin(stuck.record.episode_id, 3, stuck.record.seed, env.get_state(), actions))
+    assert log.success
+    with pytest.raises(RejectedLog, match="do not lead from a reset to seed"):
+        Ingestion(IngestionConfig(task="one_leg")).ingest_log(log)
+
+
+@pytest.mark.parametrize("where", [0, -1])
+def test_a_log_whose_rollout_did_something_else_is_rejected(log, where):
+    actions = log.parent_actions.copy()
+    actions[where, 0] += 0.01
+    with pytest.raises(RejectedLog, match="do not lead from a reset to seed"):
+        Ingestion(IngestionConfig(task="one_leg")).ingest_log(replace(log, parent_actions=actions))
+
+
+def test_a_log_from_another_collected_initial_state_is_rejected(log):
+    with pytest.raises(RejectedLog, match=f"do not lead from a reset to seed {log.seed + 1}"):
+        Ingestion(IngestionConfig(task="one_leg")).ingest_log(replace(log, seed=log.seed + 1))
+
+
+def test_a_log_without_its_rollout_s_actions_is_of_an_earlier_version(corrected, tmp_path):
+    with np.load(corrected) as entries:
+        np.savez(tmp_path / "a.npz", **{name: entries[name] for name in entries if name != PARENT_ACTION})
+    with pytest.raises(RejectedLog, match="a correction of an earlier version of juicer"):
+        read_log(tmp_path / "a.npz")
+
+
+def test_a_log_with_more_or_fewer_actions_of_its_rollout_is_not_written(log, tmp_path):
+    with pytest.raises(RejectedLog, match="'parent_action' must have the shape"):
+        write_log(tmp_path / "a.npz", replace(log, parent_actions=log.parent_actions[1:]))
+
+
+def test_its_log_holds_what_leads_to_its_beginning(log, stuck, origin):
+    np.testing.assert_array_equal(log.parent_actions, stuck.steps["action"][: origin.step])
+
+
+def test_a_closed_gripper_at_its_beginning_is_no_reason_to_keep_idle_steps(log):
+    idle = np.arange(len(log)) < 5
+    made = Ingestion(IngestionConfig(task="one_leg")).ingest_log(replace(log, idle=idle | log.idle))
+    assert made.kept[0] >= 5
+
+
+def test_a_rollout_of_another_version_is_refused_before_anybody_works_at_it(begin, origin):
+    actions = origin.actions.copy()
+    actions[0, 0] += 0.01
+    with pytest.raises(NotCorrectable, match="no longer lead to its state"):
+        begin(replace(origin, actions=actions))
+
+
+def test_an_interrupted_correction_of_an_earlier_version_is_a_sentence(begin, tmp_path):
+    work = begin()
+    work.step(LEFT, present=True)
+    work.close()
+    (path,) = left_in(tmp_path / DRAFTS)
+    first, *rest = path.read_bytes().splitlines(keepends=True)
+    content = json.loads(first)
+    del content["parent_actions"]
+    path.write_bytes(b"".join([json.dumps(content).encode() + b"\n", *rest]))
+    with pytest.raises(UnusableDraft, match="a correction of an earlier version of juicer"):
+        read_draft(path)
+
+
+def test_corrections_count_apart_from_demonstrations(tmp_path, verifier, log, one_leg_log):
+    for number in range(3):
+        write_log(tmp_path / f"{number}.npz", log if number else one_leg_log)
+    (tmp_path / "broken.npz").write_bytes(b"nothing")
+    logs = Logs(tmp_path, "one_leg", verifier)
+    assert (logs.demonstrations, logs.corrections) == (1, 2)
+
+
+def test_the_limit_of_steps_counts_those_of_the_rollout_and_says_so(begin, origin):
+    work = begin()
+    work.env.max_steps = origin.step + 2
+    for _ in range(2):
+        work.step(LEFT, present=True)
+    assert f"20,000 steps after its reset, the {origin.step} of the rollout among them" in work.sentence
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from juicer.annotation.remaining import remaining_critical_states
 from juicer.annotation.signals import signals_of
 from juicer.annotation.standing import Standing, standing
 from juicer.annotation.versions import Key, Version, read_versions, versions_path
@@ -88,11 +89,12 @@ class Desk:
     def _marks(
         self, record: EpisodeRecord, stands: Mapping[Key, Standing], proposals: Proposals
     ) -> list[dict[str, Any]]:
-        """Marks of every critical state of the task; of a correction, only those that were found are expected."""
+        """Marks of every critical state; of a correction, those are expected that lie ahead of it, or were found."""
+        ahead = self._ahead.get(record.episode_id, range(self.task.num_critical_states))
         marks = (
             self.mark((record.episode_id, state), stands, proposals) for state in range(self.task.num_critical_states)
         )
-        return [{**mark, "expected": record.parent is None or mark["proposal"] is not None} for mark in marks]
+        return [{**mark, "expected": mark["critical_state"] in ahead or mark["proposal"] is not None} for mark in marks]
 
     def mark(self, key: Key, stands: Mapping[Key, Standing], proposals: Proposals) -> dict[str, Any]:
         """What is proposed and said of one critical state, in steps of the episode."""
@@ -150,6 +152,15 @@ class Desk:
             return [np.arange(length) for length in self.reader.lengths]
         numbers = np.asarray(self.reader.steps(RECORDED_STEP_KEY), dtype=np.int64)
         return np.split(numbers, self.reader.episode_ends[:-1])
+
+    @cached_property
+    def _ahead(self) -> Mapping[str, frozenset[int]]:
+        """Critical states that lie ahead of the first state of every correction."""
+        return {
+            record.episode_id: remaining_critical_states(self.task, self.reader.read(number))
+            for number, record in enumerate(self.reader.records)
+            if record.parent is not None
+        }
 
     @cached_property
     def _env(self) -> AssemblyEnv:

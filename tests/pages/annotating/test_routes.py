@@ -20,6 +20,8 @@ from juicer.pages.application import create_application
 from juicer.pages.workplace import Workplace
 from juicer.storage.annotations import Annotation, write_annotations
 from juicer.storage.episodes import write_episodes
+from juicer.tasks.registry import get_task
+from tests.annotation.poses import part_poses
 
 FIRST, SECOND = f"{0:016x}", f"{1:016x}"
 
@@ -192,11 +194,15 @@ def test_every_critical_state_that_the_task_expects_is_listed_found_or_not(clien
     assert client.get(address).text.count("The last step at which") == 5
 
 
-def test_critical_states_that_may_lie_before_a_correction_are_not_expected_of_it(client, tmp_path, episode_factory):
+@pytest.mark.parametrize("found", [{3: 1, 4: 6}, {4: 6}, {}])
+def test_critical_states_ahead_of_a_correction_are_expected_of_it_even_if_not_found(
+    client, tmp_path, episode_factory, found
+):
     correction = episode_factory(
         9, task="lamp", num_parts=3, source=Source.CORRECTION, parent="0123456789abcdef", parent_step=300
     )
-    (only,) = work(client, proposed(tmp_path, correction, {3: 1, 4: 6}))["episodes"]
+    correction.steps["part_poses"][0] = part_poses(get_task("lamp"), [0])
+    (only,) = work(client, proposed(tmp_path, correction, found))["episodes"]
     assert [mark["expected"] for mark in only["marks"]] == [False, False, False, True, True]
 
 

@@ -45,8 +45,8 @@ def test_hands_drive_one_leg_to_a_success_that_is_saved_and_ingested(tmp_path, b
                 break
         browser.until("teleop.status.kept[0].verification.verdict !== 'checking'", 120)
         assert shown(browser, "kept[0].verification.verdict") == "verified", shown(browser, "kept")
-        assert shown(browser, "saved") == 1
-        assert browser.evaluate("document.querySelector('#saved').textContent") == "1"
+        assert (shown(browser, "demonstrations"), shown(browser, "corrections")) == (1, 0)
+        assert browser.evaluate("document.querySelector('#demonstrations').textContent") == "1"
     (path,) = (tmp_path / "teleoperation" / "one_leg").glob("*.npz")
     (demonstration,) = ingest([path], IngestionConfig(task="one_leg"))
     assert isinstance(demonstration, Demonstration)
@@ -103,6 +103,8 @@ def test_a_rollout_is_finished_by_hand_from_its_page_though_the_server_is_killed
                 break
         browser.until("teleop.status.kept[0].verification.verdict !== 'checking'", 120)
         assert shown(browser, "kept[0].verification.verdict") == "verified", shown(browser, "kept")
+        assert (shown(browser, "demonstrations"), shown(browser, "corrections")) == (0, 1)
+        assert "0 of 50 demonstrations, 1 corrections" in browser.evaluate("document.querySelector('.tally').innerText")
     (path,) = (tmp_path / "teleoperation" / "one_leg").glob("*.npz")
     (correction,) = ingest([path], IngestionConfig(task="one_leg"))
     assert isinstance(correction, Demonstration)

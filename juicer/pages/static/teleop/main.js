@@ -94,12 +94,13 @@ function show(news) {
   say("phase", phases[phase]);
   say("sentence", status.drives ? status.sentence : `Somebody else drives (${phases[status.phase].toLowerCase()}); you watch`);
   element("take-over").hidden = status.drives;
-  say("saved", status.saved);
+  say("demonstrations", status.demonstrations);
+  say("corrections", status.corrections);
   say("target", status.target);
   const checking = status.kept.filter(({ verification }) => verification.verdict === "checking").length;
   say("checking", checking ? `(and ${checking} being checked)` : "saved");
   element("progress").max = status.target;
-  element("progress").value = Math.min(status.saved, status.target);
+  element("progress").value = Math.min(status.demonstrations, status.target);
   say("episode", episode());
   if (news.kept) showKept(status.kept);
   say("logs-line", `logs: ${status.folder}`);
