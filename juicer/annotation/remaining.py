@@ -19,7 +19,7 @@ def remaining_critical_states(task: AssemblyTask, episode: Episode) -> frozenset
     until it is in the corner.
     """
     poses = np.asarray(episode.steps["part_poses"][0], np.float64).reshape(-1, 7)
-    positions, matrices = poses[:, :3], quat_to_matrix(poses[:, 3:])
+    positions, matrices = poses[:, :3], np.asarray(quat_to_matrix(poses[:, 3:]), np.float64)
     reached = {
         pair.second: {
             name

@@ -102,7 +102,7 @@ class OperatorLog(LogHeader):
             entry.name: getattr(record, entry.name) for entry in fields(LogHeader) if entry.name != "success"
         }
         kept = record.outcome is Outcome.SUCCESS if success is None else success
-        led = {} if parent_actions is None else {"parent_actions": parent_actions}
+        led: dict[str, Any] = {} if parent_actions is None else {"parent_actions": parent_actions}
         return cls(
             **facts, **led, success=kept, steps=episode.steps, final=episode.final, timestamp_s=timestamp_s, idle=idle
         )
@@ -162,7 +162,7 @@ class LogFile:
         """
         with explained():
             arrays = {name: self._read(name, dtype) for name, dtype in self._arrays.items()}
-        led = {"parent_actions": arrays[PARENT_ACTION]} if PARENT_ACTION in arrays else {}
+        led: dict[str, Any] = {"parent_actions": arrays[PARENT_ACTION]} if PARENT_ACTION in arrays else {}
         return OperatorLog(
             **{entry.name: getattr(self.header, entry.name) for entry in fields(LogHeader)},
             steps={name: arrays[name] for name in SIMULATOR.names()},

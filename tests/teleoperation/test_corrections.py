@@ -170,7 +170,7 @@ def test_a_short_one_counts_too(log):
         ({"seed": SEED_RANGES[Purpose.EVALUATION][0]}, "must not be used for collection"),
         ({"parent": None, "parent_step": None}, "must not be used for demonstrations"),
         ({"parent": None, "parent_step": None, "seed": 7}, "is not of the moment of its step"),
-        ({"parent_step": 3}, "is not of the moment of its step"),
+        ({"parent_step": 3}, "must have the shape"),
     ],
 )
 def test_a_log_that_lies_about_its_beginning_is_rejected(log, changes, reason):
