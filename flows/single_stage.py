@@ -31,5 +31,5 @@ def run_stage(stage: str, configs: Sequence[RunConfig], *, force: bool) -> list[
         open_run(settings, None, PrefectPerformer(opener(settings)), forced=forced) as run_context,
     ):
         chosen = [entry for config in configs for entry in ready_calls(run_context.session.store, config, stage)]
-        expect(run_context, chosen)
+        expect(run_context, chosen, settings.folder)
         return [str(entry.perform(run_context.session)) for entry in chosen]

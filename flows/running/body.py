@@ -41,7 +41,7 @@ def run(config: RunConfig) -> RunOutcome:
         planned = plan(store, config)
         if not settings.cluster:  # whose machines have folders of their own
             require_weights(planned, settings.machine.weights)
-        expect(run_context, planned)
+        expect(run_context, planned, settings.folder)
         outcome = execute(run_context.session, config, run_context.tracking)
         _show(outcome, store, find_pages(settings.folder))
         return outcome

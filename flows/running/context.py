@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from urllib.parse import urlsplit
 
 from flows.config import RunConfig
@@ -15,8 +16,7 @@ from flows.running.services import find_pages, find_services
 from flows.running.settings import Settings
 from flows.running.tracking import Tracking
 from flows.terminal.progress import Board
-from juicer.artifacts.recipe import Recipe
-from juicer.config import canonical_json
+from juicer.artifacts.catalog import catalog_of, kind_of_work
 from stages.runtime.execution import perform_here
 from stages.runtime.session import Performer, Session
 from stages.tracking.destination import Destination, runs_page
@@ -87,21 +87,22 @@ def open_run(
                 board.say(f"MLflow shows it at {page}")
 
 
-def expect(context: RunContext, planned: list[PlannedCall]) -> None:
-    """Tell the progress lines what is to come, and how long the like of it took before."""
+def expect(context: RunContext, planned: list[PlannedCall], folder: Path) -> None:
+    """Tell the progress lines what is to come, and how long the like of it took before.
+
+    Args:
+        context: The run.
+        planned: Its stage calls.
+        folder: Where the catalog of the store is kept.
+    """
     to_come = [entry for entry in planned if not entry.exists]
     kinds = {entry.call.recipe.kind for entry in to_come}
-    manifests = (manifest for kind in kinds for manifest in context.session.store.list(kind))
-    seconds = {_kind_of_work(manifest.recipe): manifest.seconds for manifest in manifests}
+    catalog = catalog_of(context.session.store, folder)
+    # The newest come first in a catalog, and the last one of a kind of work is to count.
+    seconds = {entry.work: entry.seconds for kind in kinds for entry in reversed(catalog.whole(kind).entries)}
     context.board.expect(
-        {(entry.stage, entry.label): seconds.get(_kind_of_work(entry.call.recipe)) for entry in to_come}
+        {(entry.stage, entry.label): seconds.get(kind_of_work(entry.call.recipe)) for entry in to_come}
     )
-
-
-def _kind_of_work(recipe: Recipe) -> str:
-    """What takes about the same time: a stage with a configuration, whatever it starts from and draws."""
-    content = {name: value for name, value in recipe.config.items() if name not in ("seed", "first", "rows")}
-    return f"{recipe.stage} {canonical_json(content)}"
 
 
 def records_page(settings: Settings, experiment: str | None) -> str:

@@ -7,8 +7,8 @@ and by `juicer verify`.
 
 from __future__ import annotations
 
+import hashlib
 import logging
-import os
 import threading
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,12 +17,15 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Self
 
+from filelock import FileLock, Timeout
 from pydantic import TypeAdapter
 
 from juicer.artifacts.findings import Listing
 from juicer.artifacts.manifest import Manifest, headline_of
+from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
+from juicer.config import canonical_json
 from juicer.errors import ArtifactError, ArtifactNotFound
 from juicer.reading import read_bounded
 
@@ -43,6 +46,7 @@ class Entry:
     Attributes:
         ref: The artifact.
         stage: What made it; empty if it is damaged.
+        work: What tells making it from other work, see :func:`kind_of_work`; empty if it is damaged.
         tasks: Assembly tasks that it concerns.
         finished: When it was made, ISO 8601; empty if it is damaged.
         seconds: How long that took.
@@ -55,6 +59,7 @@ class Entry:
 
     ref: ArtifactRef
     stage: str = ""
+    work: str = ""
     tasks: tuple[str, ...] = ()
     finished: str = ""
     seconds: float = 0.0
@@ -71,6 +76,7 @@ class Entry:
         return cls(
             ref=manifest.ref,
             stage=recipe.stage,
+            work=kind_of_work(recipe),
             tasks=tuple(sorted(recipe.tasks)),
             finished=manifest.finished,
             seconds=manifest.seconds,
@@ -171,13 +177,22 @@ class Catalog:
         return self._contents(listing)
 
     def _unread(self, refs: Iterable[ArtifactRef], *, trusts_unstamped: bool = True) -> Sequence[ArtifactRef]:
-        """Those of which nothing is known, or what is known may be older than their manifests."""
+        """Those of which nothing is known, or what is known may be older than their manifests.
+
+        What was known of one that was written since is forgotten, so that no list shows it meanwhile.
+        """
 
         def is_known(ref: ArtifactRef) -> bool:
             entry, stamp = self._entries.get(ref), self._store.stamp(ref)
-            if entry is None or entry.trouble or entry.stamp != stamp:
+            if entry is None:
                 return False
-            return bool(stamp) or trusts_unstamped
+            if entry.stamp != stamp:
+                with self._lock:
+                    # Another thread may have read it since.
+                    if self._entries.get(ref) is entry:
+                        del self._entries[ref]
+                return False
+            return not entry.trouble and (bool(stamp) or trusts_unstamped)
 
         return [ref for ref in refs if not is_known(ref)]
 
@@ -188,6 +203,7 @@ class Catalog:
         return Contents(tuple(entries), len(listing.refs) - len(entries), listing.unseen)
 
     def _read(self, refs: Sequence[ArtifactRef]) -> None:
+        has_learned = False
         for ref in sorted(refs, key=self._changed, reverse=True):
             # Before the reading: what is written during it is read again.
             stamp = self._store.stamp(ref)
@@ -196,10 +212,11 @@ class Catalog:
             except ArtifactNotFound:
                 continue  # it was set aside in the meantime
             except ArtifactError as error:
-                entry = Entry(ref, trouble=str(error))
+                entry = Entry(ref, trouble=str(error), stamp=stamp)
             with self._lock:
                 self._entries[ref] = entry
-        if any(not self._entries[ref].trouble for ref in refs if ref in self._entries):
+            has_learned |= not entry.trouble
+        if has_learned:
             self._keep()
 
     def _changed(self, ref: ArtifactRef) -> float:
@@ -219,15 +236,27 @@ class Catalog:
             there |= set(self._entries) - known
             self._entries = {ref: entry for ref, entry in self._entries.items() if ref in there}
             whole = [entry for entry in self._entries.values() if not entry.trouble]
-        draft = self._file.with_name(f"{FILE}.{os.getpid()}.draft")
+        if self._file.parent.is_dir():
+            self._write(_KEPT.dump_json(_Kept(self._store.url, whole)))
+
+    def _write(self, content: bytes) -> None:
+        # One draft for all processes: the next one writes over what a dead one left.
+        draft = self._file.with_name(f"{FILE}.draft")
         try:
-            draft.touch(_PRIVATE)
-            draft.write_bytes(_KEPT.dump_json(_Kept(self._store.url, whole)))
-            draft.replace(self._file)
-        except OSError as error:
+            with FileLock(self._file.with_name(f"{FILE}.lock"), timeout=0):
+                draft.touch(_PRIVATE)
+                draft.write_bytes(content)
+                draft.replace(self._file)
+        except (OSError, Timeout) as error:
             # It only saves time.
             logger.debug("'%s' cannot be written: %s", self._file, error)
-            draft.unlink(missing_ok=True)
+
+
+def kind_of_work(recipe: Recipe) -> str:
+    """What takes about the same time: a stage with a configuration, whatever it starts from and draws."""
+    content = {name: value for name, value in recipe.config.items() if name not in ("seed", "first", "rows")}
+    told = f"{recipe.stage} {canonical_json(content)}"
+    return hashlib.sha256(told.encode()).hexdigest()[:16]
 
 
 @lru_cache(maxsize=4)
@@ -250,7 +279,7 @@ _KEPT = TypeAdapter(_Kept)
 def _kept(file: Path, store: str) -> dict[ArtifactRef, Entry]:
     try:
         kept = _KEPT.validate_json(read_bounded(file, MOST_BYTES))
-        if kept.store != store or not all(entry.moment for entry in kept.entries):
+        if kept.store != store or not all(entry.moment and entry.work for entry in kept.entries):
             return {}
         return {entry.ref: entry for entry in kept.entries}
     except (OSError, ValueError):

@@ -5,7 +5,11 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import stat
+import subprocess
+import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -115,3 +119,41 @@ def test_a_file_that_was_altered_is_passed_over(store, refs, tmp_path, text):
     entry = json.dumps(kept["entries"][0] | {"finished": "yesterday"})
     (tmp_path / FILE).write_text(text.replace("STORE", kept["store"]).replace("ENTRY", entry))
     assert set(listed(store, tmp_path)) == set(refs)
+
+
+def test_what_was_known_of_an_artifact_that_changed_is_not_shown_until_it_is_read_again(
+    store, refs, tmp_path, monkeypatch
+):
+    catalog = Catalog(store, tmp_path)
+    catalog.whole()
+    path = store.cache / str(refs[1]) / MANIFEST_NAME
+    path.write_text(path.read_text()[:50])
+    may_read, read = threading.Event(), ArtifactStore.manifest
+
+    def waiting(self, ref):
+        may_read.wait()
+        return read(self, ref)
+
+    monkeypatch.setattr(ArtifactStore, "manifest", waiting)
+    monkeypatch.setattr("juicer.artifacts.catalog.PATIENCE_SECONDS", 0.0)
+    contents = catalog.contents()
+    assert (set(contents.by_ref), contents.unread) == ({refs[0], refs[2]}, 1)
+    may_read.set()
+    assert "is damaged" in catalog.whole().by_ref[refs[1]].trouble
+
+
+def test_what_killed_processes_left_of_a_list_does_not_pile_up(store, refs, tmp_path):
+    for ref in refs:
+        code = f"""
+import os, signal
+from pathlib import Path
+from juicer.artifacts.catalog import Catalog
+from juicer.artifacts.store import ArtifactStore
+Path.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+Catalog(ArtifactStore({store.url!r}), Path({str(tmp_path)!r})).whole({ref.kind!r})
+"""
+        assert subprocess.run([sys.executable, "-c", code], check=False).returncode == -signal.SIGKILL
+    assert len(list(tmp_path.glob("*draft"))) == 1
+    listed(store, tmp_path)
+    assert not list(tmp_path.glob("*draft"))
+    assert (tmp_path / FILE).exists()
