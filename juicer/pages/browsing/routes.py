@@ -188,6 +188,8 @@ def _facts(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _told(value: Any) -> str:
+    if value in ([], {}, "", None):
+        return "none"
     if isinstance(value, float):
         return f"{value:.0f}" if value.is_integer() else f"{value:.6g}"
     if isinstance(value, list) and all(isinstance(each, str) for each in value):

@@ -137,3 +137,11 @@ def test_nonsense_in_an_address_is_refused_with_a_sentence(client, query):
     answer = client.get(f"/?{query}")
     assert answer.status_code == 400
     assert "is not valid" in answer.text
+
+
+@pytest.mark.parametrize("nothing", [[], {}, "", None])
+def test_a_fact_that_is_empty_is_told_as_none(client, store, nothing):
+    with store.create(Recipe("record", "logs", {})) as draft:
+        draft.summary["left_out"] = nothing
+    text = client.get(f"/artifacts/{draft.ref}").text
+    assert re.search(r"left out</t[hd]>\s*<td[^>]*>none</td>|left out</dt>\s*<dd[^>]*>none</dd>", text)
