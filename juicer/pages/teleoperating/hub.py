@@ -181,7 +181,7 @@ class Hub:
         """
         self._check_drives(client)
 
-        def work() -> Work:
+        def work() -> tuple[Work, KeyMap]:
             episode = recorded_episode(self._store, self._store.resolve(order.artifact), order.episode)
             choice = _choice(order, episode.record.task, episode.record.randomness)
             return self._work(choice, origin_of(episode, order.step))
@@ -210,7 +210,7 @@ class Hub:
         if self._session and not self.drives(client):
             raise RefusedMessage("another page has the controls; take them over before you begin something else")
 
-    def _resumed(self, left: LeftDraft, target: int) -> Work:
+    def _resumed(self, left: LeftDraft, target: int) -> tuple[Work, KeyMap]:
         beginning = left.beginning
         choice = Choice(
             task=beginning.task,
@@ -219,30 +219,30 @@ class Hub:
             target=target,
             keys=beginning.keys,
         )
-        work = self._work(choice, left.origin)
+        work, key_map = self._work(choice, left.origin)
         work.resume(left)
-        return work
+        return work, key_map
 
-    def _work(self, choice: Choice, origin: Origin | None = None) -> Work:
+    def _work(self, choice: Choice, origin: Origin | None = None) -> tuple[Work, KeyMap]:
         if choice.task not in TASK_NAMES:
             raise ConfigError(f"there is no task '{printable(choice.task)}'; there are {', '.join(TASK_NAMES)}")
-        self._find_key_map(choice.keys)
-        return Work(choice, Logs(self.folder / choice.task, choice.task, self._verifier), origin)
+        key_map = self._find_key_map(choice.keys)
+        return Work(choice, Logs(self.folder / choice.task, choice.task, self._verifier), origin), key_map
 
-    async def _start(self, client: Client, order: Order, make: Callable[[], Work]) -> None:
+    async def _start(self, client: Client, order: Order, make: Callable[[], tuple[Work, KeyMap]]) -> None:
         # Building a scene takes a second, in which others are to be served, but not to begin something else.
         async with self._starting:
             self._check_drives(client)
             mouse = await asyncio.to_thread(open_spacemouse) if order.spacemouse else None
             try:
-                work = await asyncio.to_thread(make)
+                work, key_map = await asyncio.to_thread(make)
             except BaseException:
                 if mouse:
                     mouse.close()
                 raise
             self.end()
             self._mouse = mouse
-            self._key_map = self._find_key_map(work.choice.keys)
+            self._key_map = key_map
             self._session = Session(work, self._number)
             self._painter = Painter(self._session)
             self._session.start()
