@@ -56,9 +56,11 @@ def measure(
     """Evaluate a model on all its episodes, or if it may stop, on those of one block more than so far."""
     if stop is None:
         return evaluate(session, checkpoint=checkpoint, config=config)
-    episodes = stop.every + (num_episodes(session, so_far) if so_far else 0)
-    so_many = config.model_copy(update={"episodes": min(episodes, config.episodes), "anytime": True})
-    return evaluate(session, checkpoint=checkpoint, previous=so_far, config=so_many)
+    episodes = min(stop.every + (num_episodes(session, so_far) if so_far else 0), config.episodes)
+    so_many = config.model_copy(update={"episodes": episodes, "anytime": True})
+    # Each block has a name of its own, by which it is known what is to come.
+    block = session.for_model(f"{session.label} to {episodes} episodes".strip(), session.record)
+    return evaluate(block, checkpoint=checkpoint, previous=so_far, config=so_many)
 
 
 def measure_alone(

@@ -122,7 +122,7 @@ def run_models(
 
     def advance(key: ModelKey) -> None:
         record: Record = tracking.model(*key) if tracking else session.record
-        scope = session.for_model(f"{key[0]} seed {key[1]}", record)
+        scope = session.for_model(_label(key), record)
         if key in models:
             models[key] = evaluate_further(scope, config, models[key])
         else:
@@ -132,6 +132,7 @@ def run_models(
 
     def finish(keys: Iterable[ModelKey]) -> None:
         for key in keys:
+            session.display.settled(_label(key))
             if tracking and key in models:
                 tracking.finish(models[key])
 
@@ -144,6 +145,10 @@ def run_models(
     finally:
         finish(config.models)
     return [models[key] for key in config.models]
+
+
+def _label(key: ModelKey) -> str:
+    return f"{key[0]} seed {key[1]}"
 
 
 def _together(actions: Sequence[Callable[[], None]], session: Session, *, parallel: bool) -> None:

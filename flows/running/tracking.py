@@ -28,6 +28,7 @@ _NOT_IDENTITY = {
     "analyses",
     "analysed_seed",
     "shifts",
+    "mix",
 }
 """Keys that make no model another one."""
 _SHARED_PARAMS = (
@@ -55,9 +56,7 @@ class Tracking:
         """Describe the models of a run to a recorder."""
         self._recorder = recorder
         self._config = config
-        content = config.model_dump(mode="json", exclude=_NOT_IDENTITY)
-        code = {name: code_version(f"stages.{name}") for name in STAGES}
-        self._identity = {"config": content, "code": code}
+        self._code = {name: code_version(f"stages.{name}") for name in STAGES}
         self._finished: dict[str, Model] = {}
 
     def model(self, condition: str, seed: int) -> LiveModel:
@@ -110,8 +109,15 @@ class Tracking:
 
     def _identity_of(self, condition: str) -> str:
         """What tells a condition from one that had the same name in another configuration."""
-        made_of = self._config.method(condition).model_dump(mode="json", exclude={"title"})
-        return hashlib.sha256(canonical_json({**self._identity, "made of": made_of}).encode()).hexdigest()[:16]
+        method, loop = self._config.method(condition), self._config.loop(condition)
+        loops = (loop, *(loop.mix.values() if method.joint_policy else ()))
+        content = {
+            # What a condition changes is in its loop, and counts there like what the top level says.
+            "made of": method.model_dump(mode="json", exclude={"title", "changes"}),
+            "config": [each.model_dump(mode="json", exclude=_NOT_IDENTITY) for each in loops],
+            "code": self._code,
+        }
+        return hashlib.sha256(canonical_json(content).encode()).hexdigest()[:16]
 
 
 class LiveModel:

@@ -96,6 +96,11 @@ class Board:
         for rejection in rejections(summary) if state == "done" else ():
             self.say(f"            {rejection}")
 
+    def settled(self, label: str) -> None:
+        """Nothing more is to come for a condition and seed: a round or an evaluation ended early."""
+        with self._lock:
+            self._forecast.drop(label)
+
     def seconds_left(self) -> tuple[float, bool]:
         """Wall time until everything expected is done, and whether nothing is missing in that estimate."""
         with self._lock:

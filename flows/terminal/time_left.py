@@ -95,6 +95,12 @@ class Forecast:
             self._took.setdefault(call[0], []).append(now - work.started)
         return now - work.started
 
+    def drop(self, label: str) -> None:
+        """No stage of a condition and seed, in whatever round, is to come any more."""
+        for call in list(self.expected):
+            if f"{call[1]} ".startswith(f"{label} "):
+                del self.expected[call]
+
     def before(self, call: Call) -> float | None:
         """How long such a call took when it last ran; else how long its stage took in this run."""
         seconds = self.expected.get(call)

@@ -94,9 +94,9 @@ class AtMost:
 
     def judge(self, study: TaskStudy) -> Verdict:
         """On which side the interval lies."""
-        result = study.result(self.condition)
-        if result is None:
-            return Verdict(Ruling.UNTESTED, _missing(study, self.condition))
+        if missing := _missing(study, self.condition):
+            return Verdict(Ruling.UNTESTED, missing)
+        result = study.measured[self.condition].result
         low, high = result.interval
         ruling = Ruling.HOLDS if high <= self.rate else Ruling.FAILS if low > self.rate else Ruling.OPEN
         return Verdict(ruling, f"{result.title}: {percent(result.average)} ({interval_text(result.interval)})")
@@ -110,8 +110,10 @@ class ModelsDiffer:
 
     def judge(self, study: TaskStudy) -> Verdict:
         """What a chi-squared test over the models says."""
-        result = study.result(self.condition)
-        if result is None or result.num_models < 3:
+        if missing := _missing(study, self.condition):
+            return Verdict(Ruling.UNTESTED, missing)
+        result = study.measured[self.condition].result
+        if result.num_models < 3:
             return Verdict(Ruling.UNTESTED, f"three models of {self.condition} at least are needed")
         p_value = models_differ(result)
         ruling = Ruling.HOLDS if p_value < LEVEL else Ruling.OPEN
@@ -186,9 +188,8 @@ def _missing(study: TaskStudy, *conditions: str, settings: bool = False) -> str:
     if missing := [name for name in conditions if name not in study.measured]:
         return f"no result of {', '.join(missing)}"
     compared = [study.measured[name] for name in conditions]
-    if not settings and len({each.setting for each in compared}) > 1:
-        told = "; ".join(f"{each.result.title}: {each.setting}" for each in compared if each.setting)
-        return f"they differ in more than their methods ({told})"
+    if not settings and (told := "; ".join(f"{each.result.title}: {each.setting}" for each in compared if each.setting)):
+        return f"the statement is about methods alone, and more is changed ({told})"
     first, *others = (each.result for each in compared)
     if all(study.are_paired(first, other) for other in others):
         return ""

@@ -46,6 +46,10 @@ class Display(Protocol):
         """A stage is over: ``done``, ``reused``, ``failed`` or ``stopped``."""
         ...
 
+    def settled(self, label: str) -> None:
+        """Nothing more is to come for a condition and seed, whatever was expected."""
+        ...
+
 
 class Record(Protocol):
     """Keeps what an experiment consists of, for people to look at later; nothing is ever read back from it."""
@@ -67,6 +71,9 @@ class SilentDisplay:
         return silent_progress
 
     def finished(self, stage: str, label: str, state: str, summary: Mapping[str, Any]) -> None:
+        """Nobody looks."""
+
+    def settled(self, label: str) -> None:
         """Nobody looks."""
 
 

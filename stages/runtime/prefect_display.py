@@ -66,6 +66,10 @@ class PrefectDisplay:
         if state == "done":
             attempt(create_markdown_artifact, markdown=_table(summary), key=_key(stage, label, "summary"))
 
+    def settled(self, label: str) -> None:
+        """Prefect expects nothing."""
+        self._inner.settled(label)
+
 
 def shown_percent(stage: str, label: str) -> float | None:
     """How far a stage of the flow run around it is, wherever it runs; none if it has not begun."""

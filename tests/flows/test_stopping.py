@@ -7,11 +7,13 @@ from typing import cast
 import pytest
 
 from flows.config import CollectInferConfig, StudyConfig
+from flows.running.context import RunContext, expect
 from flows.running.execution import RunOutcome, execute, run_models
 from flows.running.plan import evaluated_models, is_complete, plan
 from flows.running.tracking import Tracking
 from flows.runs import parse_runs
 from flows.stopping import StopConfig, open_conditions, told
+from flows.terminal.progress import Board
 from juicer.artifacts.store import ArtifactStore
 from juicer.artifacts.workspace import delete_tree
 from juicer.episode import Outcome
@@ -119,6 +121,47 @@ def test_a_run_in_thought_counts_on_all_blocks_until_it_knows_better(store):
     assert evaluations() == 3 * 2 * 4
     execute(Session(store, performer=Evaluating(store)), STUDY, None)
     assert evaluations() == 2 * 2 * 4 + 2
+
+
+class Expecting(Evaluating):
+    """Tells a display of every call, and notes how many evaluations are expected after it."""
+
+    def __init__(self, store: ArtifactStore, board: Board) -> None:
+        super().__init__(store)
+        self.board, self.left = board, []
+
+    def __call__(self, call, session):
+        state = "reused" if self.store.find(call.recipe) else "done"
+        ref = super().__call__(call, session)
+        session.display.finished(call.stage.name, session.label, state, {})
+        if call.stage.name == "evaluate":
+            self.left.append(evaluations_expected(self.board))
+        return ref
+
+
+def evaluations_expected(board):
+    return sum(stage == "evaluate" for stage, _ in board._forecast.expected)
+
+
+def follow(store):
+    """Run the study; gives how many evaluations were expected before, after each, and at the end."""
+    board = Board()
+    performer = Expecting(store, board)
+    session = Session(store, performer=performer, display=board)
+    expect(RunContext(session, board, None), plan(store, STUDY))
+    before = evaluations_expected(board)
+    run_models(session, STUDY, parallel=False)
+    return [before, *performer.left, evaluations_expected(board)]
+
+
+def test_every_block_is_expected_until_its_condition_is_settled(store):
+    # Two models of three conditions have four blocks each; those of TA are settled after one.
+    assert follow(store) == [24, *range(23, 17, -1), *range(11, -1, -1), 0]
+
+
+def test_blocks_that_are_reused_leave_expected_what_is_to_come(store):
+    run_models(Session(store, performer=Evaluating(store)), STUDY.narrowed(["bc"], [0]))
+    assert follow(store)[:4] == [20, 20, 19, 18]
 
 
 def test_a_stopped_run_is_complete(store):

@@ -164,6 +164,9 @@ class Diary:
     def finished(self, stage, label, state, summary):
         self.states.append((stage, state))
 
+    def settled(self, label):
+        pass
+
     def metrics(self, stage):
         return self
 

@@ -45,9 +45,20 @@ def test_what_differs_in_more_than_its_method_is_compared_only_by_a_statement_ab
     many.measured["ta"] = replace(many.measured["ta"], setting="record.demonstrations 500")
     verdict = Better("ta", "bc").judge(many)
     assert verdict.ruling is Ruling.UNTESTED
-    assert verdict.reason == "they differ in more than their methods (TA: record.demonstrations 500)"
+    assert verdict.reason == (
+        "the statement is about methods alone, and more is changed (TA: record.demonstrations 500)"
+    )
     assert Best("ta", ("bc",)).judge(many).ruling is Ruling.UNTESTED
     assert Better("ta", "bc", settings=True).judge(many).ruling is Ruling.HOLDS
+
+
+def test_conditions_that_change_the_same_are_not_judged_as_those_of_the_paper(study, result):
+    names = ("bc", "ta", "mlp_unchunked")
+    alike = study(*(result(name, 0.0, 0.0, 0.0) for name in names), settings=dict.fromkeys(names, "randomness med"))
+    for rule in (Better("ta", "bc"), Best("ta", ("bc",)), AtMost("mlp_unchunked", 0.05), ModelsDiffer("bc")):
+        verdict = rule.judge(alike)
+        assert verdict.ruling is Ruling.UNTESTED
+        assert "randomness med" in verdict.reason
 
 
 def test_what_conditions_are_based_on_is_told_beside_the_papers(made):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from flows.config import StudyConfig
 from flows.loop import ModelOutcome
 from flows.running.tracking import Tracking
+from flows.runs import parse_runs
 from juicer.artifacts.ref import ArtifactRef
 from juicer.expert.human import Human
 from stages.augment import AugmentConfig
@@ -16,6 +17,38 @@ class Noting:
 
     def note(self, model):
         self.model = model
+
+
+def identity(conditions, **config):
+    """Of the first condition."""
+    noting, name = Noting(), next(iter(conditions))
+    config = StudyConfig(name="study", conditions=conditions, seeds=(0,), **config)
+    outcome = ModelOutcome(name, "BC", 0, ArtifactRef("checkpoint", "0" * 16), ArtifactRef("evaluation", "1" * 16))
+    Tracking(noting, config).finish(outcome)
+    return noting.model.identity
+
+
+def test_what_a_condition_changes_makes_it_another_model_only_if_its_training_or_measurement_differs():
+    usual = identity({"bc": {}})
+    push = {"push": {"kind": "push"}}
+    sampling = {"samples": {"kind": "sampling"}}
+    for changes in ({"shifts": push}, {"analyses": sampling}):
+        assert identity({"bc": {"changes": changes}}) == identity({"bc": {}}, **changes) == usual
+    few = {"record": {"demonstrations": 10}}
+    assert identity({"bc": {"changes": few}}) == identity({"bc": {}}, **few) != usual
+
+
+def test_other_tasks_count_for_models_that_learn_them_alone():
+    def of(task_of_lamp):
+        content = {"name": "study", "flow": "study", "conditions": ["bc", "multitask"], "seeds": [0]}
+        one_leg, _ = parse_runs({**content, "tasks": {"one_leg": {}, "lamp": task_of_lamp}}, "here")
+        tracking = Tracking(Noting(), one_leg)
+        return [tracking._describe(name, 0).identity for name in ("bc", "multitask")]
+
+    bc, multitask = of({})
+    assert of({"augment": {"num_snippets": 7}})[0] == bc
+    assert of({"augment": {"num_snippets": 7}})[1] != multitask
+    assert of({"shifts": {"push": {"kind": "push"}}}) == [bc, multitask]
 
 
 def test_all_that_shapes_a_round_is_among_the_parameters():

@@ -96,3 +96,10 @@ def test_a_run_adds_what_is_to_come_by_what_its_own_stages_took():
     assert forecast.seconds_left(30.0) == (30.0, False)
     assert forecast.end(("train", "a"), 60.0, is_done=True) == 60.0
     assert forecast.seconds_left(60.0) == (30.0, True)
+
+
+def test_what_is_settled_has_nothing_to_come_and_others_keep_theirs():
+    calls = [("train", "bc seed 1 round 2"), ("evaluate", "bc seed 1"), ("evaluate", "bc seed 10")]
+    forecast = Forecast(1, dict.fromkeys(calls, 60.0))
+    forecast.drop("bc seed 1")
+    assert forecast.seconds_left(0.0) == (60.0, True)

@@ -64,6 +64,9 @@ class Watcher:
     def finished(self, stage, label, state, summary):
         pass
 
+    def settled(self, label):
+        pass
+
 
 @pytest.fixture
 def learn(tmp_path, episode_factory):
