@@ -33,7 +33,6 @@ def gather(
     links: Mapping[str, str] | None = None,
 ) -> ReportData:
     """Everything the page shows; what is told beside the rates is told of the evaluations without a shift."""
-    named = {result.condition for result in results}
     sources = sources.unshifted()
     curves = tuple(sources.curves())
     return ReportData(
@@ -42,7 +41,7 @@ def gather(
         facts={**facts, **sources.facts()},
         findings=(*findings, *sources.problems),
         results=tuple(results),
-        paper={name: figures for name, figures in PAPER_TABLE_VI.get(task, {}).items() if name in named},
+        paper={name: figures for name, figures in PAPER_TABLE_VI.get(task, {}).items() if name in sources.plain},
         sections=sections,
         funnels=tuple(sources.funnels()),
         curves=curves,

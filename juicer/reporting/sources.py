@@ -72,6 +72,11 @@ class Sources:
         usual._evaluations = [self._evaluations[place] for place in places]
         return usual
 
+    @property
+    def plain(self) -> set[str]:
+        """Names of the conditions that change nothing in the configuration."""
+        return {row.condition for row in self._rows if not row.setting}
+
     def facts(self) -> dict[str, str]:
         """Size of the demonstrations."""
         sizes = {

@@ -188,7 +188,9 @@ def _missing(study: TaskStudy, *conditions: str, settings: bool = False) -> str:
     if missing := [name for name in conditions if name not in study.measured]:
         return f"no result of {', '.join(missing)}"
     compared = [study.measured[name] for name in conditions]
-    if not settings and (told := "; ".join(f"{each.result.title}: {each.setting}" for each in compared if each.setting)):
+    if not settings and (
+        told := "; ".join(f"{each.result.title}: {each.setting}" for each in compared if each.setting)
+    ):
         return f"the statement is about methods alone, and more is changed ({told})"
     first, *others = (each.result for each in compared)
     if all(study.are_paired(first, other) for other in others):

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 CONNECT_SECONDS = 5.0
 LOCK = "publishing.lock"
 VIEW = "juicer"
-"""Name of the view on a study's runs that opens at the addresses we print."""
+"""Name of the view on a study's runs that opens at the addresses we print: grouped by condition."""
+MODELS_VIEW = "juicer-models"
+"""Name of the view that shows each model by itself."""
 
 PLACES = (
     ("experiments", "artifact_location"),
@@ -103,16 +105,17 @@ def newest_study(client: MlflowClient) -> str | None:
     return found[0].experiment_id if found else None
 
 
-def runs_page(pages: str, experiment: str | None) -> str:
+def runs_page(pages: str, experiment: str | None, view: str = VIEW) -> str:
     """Address of a study's runs in MLflow, success rates in front and the best first.
 
     Args:
         pages: Address of MLflow's pages.
         experiment: Id of the study's experiment; all experiments if None.
+        view: Name of the view.
     """
     if experiment is None:
         return f"{pages.rstrip('/')}/#/experiments"
-    return f"{pages.rstrip('/')}/#/experiments/{experiment}/runs?viewStateShareKey={VIEW}"
+    return f"{pages.rstrip('/')}/#/experiments/{experiment}/runs?viewStateShareKey={view}"
 
 
 def _create_database(uri: str, artifact_root: Path | None) -> None:

@@ -18,7 +18,7 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.evaluation import ConditionResult
 from juicer.pages.addresses import lineage_of
 from juicer.storage.evaluations import EvaluationRow
-from stages.tracking.destination import VIEW
+from stages.tracking.destination import MODELS_VIEW, VIEW, runs_page
 from stages.tracking.history import History
 from stages.tracking.model import Model
 
@@ -32,12 +32,52 @@ LONGEST_VALUE = 500
 """Letters of a parameter that MLflow's pages can still show."""
 
 
-def view() -> dict[str, str]:
-    """Tag of an experiment with a view on its runs, as MLflow's pages keep those that people share.
+COLOUR = "mlflow.runColor"
+_COLOURS = (
+    "#1f77b4",
+    "#ff7f0e",
+    "#2ca02c",
+    "#d62728",
+    "#9467bd",
+    "#8c564b",
+    "#e377c2",
+    "#7f7f7f",
+    "#bcbd22",
+    "#17becf",
+)
+"""Of conditions, in the order in which they are first seen; told apart by most people, also side by side."""
 
-    A table with the success rates in front, the best first; charts of these, and of how the final models learned.
+_EACH_MODEL: dict[str, Any] = {
+    "uuid": "juicer-models",
+    "deleted": False,
+    "isGenerated": False,
+    "metricSectionId": "success",
+    "type": "SCATTER",
+    "xaxis": {"key": "condition", "type": "PARAM"},
+    "yaxis": {"key": "success_rate", "type": "METRIC"},
+    "runsCountToCompare": 1000,
+}
+"""A chart with a column of dots for each condition, which MLflow cannot draw of groups."""
+
+
+def views() -> dict[str, str]:
+    """Tags of an experiment with views on its runs, as MLflow's pages keep those that people share.
+
+    A table with the success rates in front, the best first; charts of these, and of how the final models learned. One
+    view groups the models by condition; the other shows each, in the colour of its condition.
     """
-    return {f"mlflow.sharedViewState.{VIEW}": Path(__file__).with_name("view.json").read_text(encoding="utf-8")}
+    conditions = json.loads(Path(__file__).with_name("view.json").read_text(encoding="utf-8"))
+    charts = [_EACH_MODEL, *(each for each in conditions["compareRunCharts"] if each["type"] == "LINE")]
+    models = conditions | {"groupBy": None, "searchFilter": "tags.seed != ''", "compareRunCharts": charts}
+    return {
+        f"mlflow.sharedViewState.{name}": json.dumps(state)
+        for name, state in {VIEW: conditions, MODELS_VIEW: models}.items()
+    }
+
+
+def colour(condition: str, known: Mapping[str, str]) -> str:
+    """Colour of a condition's runs, given those of the conditions that are shown already."""
+    return known.get(condition) or _COLOURS[len(known) % len(_COLOURS)]
 
 
 def outcome(evaluation: Manifest) -> dict[str, float]:
@@ -55,6 +95,9 @@ def rates(result: ConditionResult) -> dict[str, float]:
         "success_rate_best": result.best,
         "success_rate_low": low,
         "success_rate_high": high,
+        # Told of no single model: MLflow averages over a group, and this stays the interval of the condition.
+        "condition_rate_low": low,
+        "condition_rate_high": high,
         "episodes": result.num_episodes,
         "models": result.num_models,
         **{
@@ -181,14 +224,16 @@ def story(experiment: str, run: str, history: History, finding: str, pages: str 
     return f"**{finding}**\n\n{told}\n" if finding else f"{told}\n"
 
 
-def guide(results: Sequence[ConditionResult], comparison: str, report: str) -> str:
-    """What stands above the runs of a study, of which one line is always seen: what came out, and what to chart."""
+def guide(results: Sequence[ConditionResult], comparison: str, report: str, experiment: str) -> str:
+    """What stands above the runs of a study, of which one line is always seen: what came out, and what to look at."""
     rates = ", ".join(f"{row.title} {row.average:.0%}" for row in results)
+    charts = [f"{runs_page('', experiment, view)[1:]}&compareRunsMode=CHART" for view in (VIEW, MODELS_VIEW)]
     return (
-        f"**{rates}**; chart `success_rate`, grouped by `condition`. {report}\n\n{comparison}\n"
+        f"**{rates}**; charts [by condition]({charts[0]}), [of each model]({charts[1]}). {report}\n\n{comparison}\n"
         "A run called after a condition is the average of its models, the runs below it. `success_rate` is that of the "
-        "final model whatever the condition; the facts of models before it are below `round_1/`, `round_2/`. The chart "
-        "view compares them: bars or parallel coordinates of `success_rate`, and `train/loss` over steps.\n"
+        "final model whatever the condition; the facts of models before it are below `round_1/`, `round_2/`. Charts by "
+        "condition show averages, curves with the range over the models, and between `condition_rate_low` and "
+        "`condition_rate_high` the 95 % interval over models and episodes.\n"
     )
 
 

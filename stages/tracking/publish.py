@@ -122,7 +122,10 @@ class Study:
         """A run that was made here before, or is made now."""
         run = self._runs.get(key)
         if run is None:
-            ours = {KEY: key, "mlflow.source.name": "juicer", "mlflow.source.type": "LOCAL"}
+            known = [each.data.tags for each in self._runs.values()]
+            colours = {each.get("condition", ""): each.get(entries.COLOUR, "") for each in known}
+            colour = entries.colour(tags["condition"], colours)
+            ours = {KEY: key, entries.COLOUR: colour, "mlflow.source.name": "juicer", "mlflow.source.type": "LOCAL"}
             run = self._client.create_run(self.experiment, start_time=start, tags={**ours, **tags}, run_name=name)
             self._runs[key] = run
         return run
@@ -220,11 +223,11 @@ class Study:
     def _describe(self, models: Sequence[Model], host: Model) -> None:
         """Tell on the experiment's page what came out, and what to look at; a note that somebody changed is kept."""
         results = self._results(models)
-        note = entries.guide(results, markdown_table(results), self._report_link(host))
+        note = entries.guide(results, markdown_table(results), self._report_link(host), self.experiment)
         kept, stamp = self._tags.get(NOTE, ""), "juicer.note"
         if kept == note or (kept and entries.digest(kept) != self._tags.get(stamp)):
             return
-        for key, value in {NOTE: note, stamp: entries.digest(note), **entries.view()}.items():
+        for key, value in {NOTE: note, stamp: entries.digest(note), **entries.views()}.items():
             self._client.set_experiment_tag(self.experiment, key, value)
             self._tags = {**self._tags, key: value}
 

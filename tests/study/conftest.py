@@ -70,7 +70,9 @@ class Made:
             draft.summary |= summary or {}
         return made.ref
 
-    def evaluation(self, condition: str, checkpoint: ArtifactRef, *, seed: int = 0, **settings: Any) -> None:
+    def evaluation(
+        self, condition: str, checkpoint: ArtifactRef, *, seed: int = 0, setting: str = "", **settings: Any
+    ) -> None:
         """Of a success and a failure."""
         config = {"task": "one_leg", "seed": seed} | settings
         recipe = Recipe("evaluate", "evaluation", inputs={"checkpoint": (checkpoint,)}, config=config)
@@ -79,7 +81,7 @@ class Made:
             rows = [EvaluationRow(number, number, outcome, 0, 9) for number, outcome in ends]
             write_evaluation(draft.path, rows)
         self._evaluations.append(recipe.ref)
-        self._rows.append(ReportRow(condition=condition, title=condition.upper(), seed=seed))
+        self._rows.append(ReportRow(condition=condition, title=condition.upper(), seed=seed, setting=setting))
 
     @property
     def study(self) -> TaskStudy:

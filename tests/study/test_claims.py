@@ -8,6 +8,7 @@ import pytest
 
 from flows.conditions import defaults
 from flows.runs import load_runs
+from juicer.reporting.report import gather
 from juicer.study.claims import CLAIMS, claims_section
 from juicer.study.curves import Curve
 from juicer.study.rules import AtMost, Best, BestWithin, Better, ModelsDiffer, Ruling, Saturates
@@ -73,6 +74,14 @@ def test_what_conditions_are_based_on_is_told_beside_the_papers(made):
         "randomness med."
     )
     assert rates.tables[0].note == "10 demonstrations, randomness med"
+
+
+def test_the_papers_figures_stand_beside_conditions_that_change_nothing_alone(made):
+    for name, setting in (("bc", ""), ("ta", "randomness med")):
+        made.evaluation(name, made.artifact("train", "checkpoint", config={"name": name}), setting=setting)
+    results = [each.result for each in made.study.measured.values()]
+    told = gather(made.study.sources, results, title="t", task="one_leg", facts={}, findings=())
+    assert set(told.paper) == {"bc"}
 
 
 @pytest.mark.parametrize("changed", [{"first": 100}, {"max_steps": 5}])

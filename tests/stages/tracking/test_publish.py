@@ -13,7 +13,7 @@ import pytest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.storage.curves import read_curves
-from stages.tracking.destination import newest_study, runs_page
+from stages.tracking.destination import MODELS_VIEW, VIEW, newest_study, runs_page
 from stages.tracking.model import noted
 from stages.tracking.publish import COMPLETE, NOTE, publish
 
@@ -212,6 +212,28 @@ def test_the_address_that_is_printed_opens_a_view_with_success_in_front(destinat
     assert (state["orderByKey"], state["orderByAsc"]) == ("metrics.`success_rate`", False)
     assert state["selectedColumns"][0] == "metrics.`success_rate`"
     assert "**BC " in experiment.tags["mlflow.note.content"]
+
+
+def test_one_view_groups_models_by_condition_and_one_shows_each_in_the_colour_of_its_condition(
+    destination, store, study
+):
+    client = show(destination, store, study.models(range(2)))
+    tags = client.get_experiment_by_name("study").tags
+    by_condition, each = (json.loads(tags[f"mlflow.sharedViewState.{view}"]) for view in (VIEW, MODELS_VIEW))
+    (key,) = by_condition["groupBy"]["groupByKeys"]
+    assert (key, each["groupBy"]) == ({"mode": "param", "groupByData": "condition"}, None)
+    runs = runs_of(client)
+    models = {name for name in runs if "seed" in name}
+    shown = client.search_runs([client.get_experiment_by_name("study").experiment_id], each["searchFilter"])
+    assert {run.info.run_name for run in shown} == models
+    drawn = {key for chart in by_condition["compareRunCharts"] for key in chart.get("selectedMetricKeys", ())}
+    known = {name for run in runs.values() for name in run.data.metrics} | {"validation/position_error_mm"}
+    assert drawn <= known | {"validation/loss"}
+    # What only a parent has, the average over its group leaves as it is.
+    assert [name for name, run in runs.items() if "condition_rate_low" in run.data.metrics] == ["TA+CI", "BC"]
+    colours = {name: run.data.tags["mlflow.runColor"] for name, run in runs.items()}
+    assert colours["BC, seed 0"] == colours["BC, seed 1"] == colours["BC"] != colours["TA+CI, seed 0"]
+    assert f"viewStateShareKey={MODELS_VIEW}&" in tags["mlflow.note.content"]
 
 
 def test_durations_are_what_the_stages_of_the_model_took(destination, store, study):
