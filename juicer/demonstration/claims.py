@@ -29,9 +29,9 @@ _STORED = 1e-5
 """Numbers that the log holds twice may differ so much: it stores one of the two in single precision."""
 _INITIAL_M = 1e-3
 """The same seed gives the same initial state, but for the arithmetic of another processor; rotations likewise."""
-_LED = 1e-3
-"""Relative to one and to the number itself: so much may differ where a rollout's actions lead to. The arithmetic of another
-processor changed a state by 1e-9 in 356 steps, and contacts magnify it in longer rollouts."""
+_LED = 1e-4
+"""Relative to one and to the number itself: so much may differ where a rollout's actions lead to (0.1 mm). The arithmetic
+of another processor changed a state by 1e-9 in 356 steps, and contacts magnify it in longer rollouts."""
 _SHOWN = np.array([1e-4] * 9 + [1e-2] * 6 + [1e-4])
 """Tolerance of proprioception: pose [m], velocities [m/s, rad/s], gripper [m]."""
 _REPEATED_M = 5e-4

@@ -196,7 +196,7 @@ def test_a_log_that_begins_in_a_state_that_is_held_out_for_evaluations_is_reject
         Ingestion(IngestionConfig(task="one_leg")).ingest_log(log)
 
 
-@pytest.mark.parametrize("where", [0, -1])
+@pytest.mark.parametrize("where", [slice(None), -1])
 def test_a_log_whose_rollout_did_something_else_is_rejected(log, where):
     actions = log.parent_actions.copy()
     actions[where, 0] += 0.01
@@ -233,7 +233,7 @@ def test_a_closed_gripper_at_its_beginning_is_no_reason_to_keep_idle_steps(log):
 
 def test_a_rollout_of_another_version_is_refused_before_anybody_works_at_it(begin, origin):
     actions = origin.actions.copy()
-    actions[0, 0] += 0.01
+    actions[:, 0] += 0.01
     with pytest.raises(NotCorrectable, match="no longer lead to its state"):
         begin(replace(origin, actions=actions))
 
