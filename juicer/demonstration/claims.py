@@ -30,8 +30,8 @@ _STORED = 1e-5
 _INITIAL_M = 1e-3
 """The same seed gives the same initial state, but for the arithmetic of another processor; rotations likewise."""
 _LED = 1e-4
-"""Relative to one and to the number itself: so much may differ where a rollout's actions lead to (0.1 mm). The arithmetic
-of another processor changed a state by 1e-9 in 356 steps, and contacts magnify it in longer rollouts."""
+"""Relative to one and to the number itself: so much may differ where the actions of a rollout lead to (0.1 mm). The
+arithmetic of another processor changed a state by 1e-9 in 356 steps, and contacts magnify it in longer rollouts."""
 _SHOWN = np.array([1e-4] * 9 + [1e-2] * 6 + [1e-4])
 """Tolerance of proprioception: pose [m], velocities [m/s, rad/s], gripper [m]."""
 _REPEATED_M = 5e-4
