@@ -104,7 +104,8 @@ def test_a_rollout_is_finished_by_hand_from_its_page_though_the_server_is_killed
         browser.until("teleop.status.kept[0].verification.verdict !== 'checking'", 120)
         assert shown(browser, "kept[0].verification.verdict") == "verified", shown(browser, "kept")
         assert (shown(browser, "demonstrations"), shown(browser, "corrections")) == (0, 1)
-        assert "0 of 50 demonstrations, corrections: 1" in browser.evaluate("document.querySelector('.tally').innerText")
+        tally = browser.evaluate("document.querySelector('.tally').innerText")
+        assert "0 of 50 demonstrations, corrections: 1" in tally
     (path,) = (tmp_path / "teleoperation" / "one_leg").glob("*.npz")
     (correction,) = ingest([path], IngestionConfig(task="one_leg"))
     assert isinstance(correction, Demonstration)
