@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import cast
 
 import pytest
@@ -148,7 +149,7 @@ def follow(store):
     board = Board()
     performer = Expecting(store, board)
     session = Session(store, performer=performer, display=board)
-    expect(RunContext(session, board, None), plan(store, STUDY))
+    expect(RunContext(session, board, None), plan(store, STUDY), Path(store.url).parent)
     before = evaluations_expected(board)
     run_models(session, STUDY, parallel=False)
     return [before, *performer.left, evaluations_expected(board)]
