@@ -6,7 +6,7 @@ import numpy as np
 
 from juicer.episode import Episode
 from juicer.geometry import quat_to_matrix
-from juicer.sim.milestones import BaseProgress, PairProgress
+from juicer.sim.milestones import TaskProgress
 from juicer.tasks.specification import AssemblyTask, CriticalState, Insertion
 
 _MOUNTED = ("inserted", "screwed", "put_on")
@@ -20,19 +20,13 @@ def remaining_critical_states(task: AssemblyTask, episode: Episode) -> frozenset
     """
     poses = np.asarray(episode.steps["part_poses"][0], np.float64).reshape(-1, 7)
     positions, matrices = poses[:, :3], np.asarray(quat_to_matrix(poses[:, 3:]), np.float64)
-    reached = {
-        pair.second: {
-            name
-            for name, holds in zip(pair.milestones, PairProgress(task, pair).measure(positions, matrices), strict=True)
-            if holds
-        }
-        for pair in task.pairs
-    }
-    is_placed = BaseProgress(task).is_placed(positions)
+    reached = TaskProgress(task).reached(positions, matrices)
+    of_part = {pair.second: reached.intersection(pair.milestones) for pair in task.pairs}
+    of_part[0] = reached.intersection(task.milestones[:1])
 
     def lies_ahead(state: CriticalState) -> bool:
         if isinstance(state, Insertion):
-            return not any(name.endswith(_MOUNTED) for name in reached[task.pairs[state.pair].second])
-        return not (is_placed if state.part == 0 else reached[state.part])
+            return not any(name.endswith(_MOUNTED) for name in of_part[task.pairs[state.pair].second])
+        return not of_part[state.part]
 
     return frozenset(index for index, state in enumerate(task.critical_states) if lies_ahead(state))

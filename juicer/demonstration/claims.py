@@ -17,7 +17,7 @@ from juicer.demonstration.log import OperatorLog
 from juicer.episode import SIMULATOR, STATE_KEY, Outcome
 from juicer.errors import InvalidAction, InvalidEpisode, RejectedLog
 from juicer.sim.env import STEP_S, AssemblyEnv
-from juicer.sim.milestones import BaseProgress, PairProgress
+from juicer.sim.milestones import TaskProgress
 from juicer.sim.sections import LARGEST_VALUE, StateSections
 from juicer.tasks.registry import get_task
 
@@ -70,8 +70,7 @@ class ClaimChecker:
         """
         self._task = get_task(task)
         self._envs: dict[str, AssemblyEnv] = {}
-        self._base = BaseProgress(self._task)
-        self._pairs = tuple(PairProgress(self._task, pair) for pair in self._task.pairs)
+        self._progress = TaskProgress(self._task)
         env = self._env("low")
         self.state_size = len(env.get_state())
         self._bodies = [env.model.body(part.name).id for part in self._task.parts]
@@ -103,10 +102,9 @@ class ClaimChecker:
         # The last of these states is the final one.
         if env.outcome is not Outcome.SUCCESS:
             raise RejectedLog(f"it claims success, but its final state is {env.outcome or 'in mid-assembly'}")
-        if len(assembled) < len(self._pairs):
-            raise RejectedLog(
-                f"it claims success, but only {len(assembled)} of the task's {len(self._pairs)} pairs are assembled"
-            )
+        pairs = len(self._task.pairs)
+        if len(assembled) < pairs:
+            raise RejectedLog(f"it claims success, but only {len(assembled)} of the task's {pairs} pairs are assembled")
         self._check_physics(env, log, states, rewarded)
 
     def _env(self, randomness: str) -> AssemblyEnv:
@@ -165,13 +163,7 @@ class ClaimChecker:
 
     def _reached(self, env: AssemblyEnv) -> set[str]:
         """Milestones whose condition holds in the environment's present state."""
-        positions = env.data.xpos[self._bodies]
-        matrices = env.data.xmat[self._bodies].reshape(-1, 3, 3)
-        names = self._task.milestones
-        holds = [self._base.is_placed(positions)]
-        for pair in self._pairs:
-            holds += pair.measure(positions, matrices)
-        return {name for name, reached in zip(names, holds, strict=True) if reached}
+        return self._progress.reached(env.data.xpos[self._bodies], env.data.xmat[self._bodies].reshape(-1, 3, 3))
 
     def _check_reward(self, log: OperatorLog, step: int, reached: set[str], assembled: set[int]) -> None:
         """Add the pairs that a step assembled to those before it, and compare their number with its reward."""

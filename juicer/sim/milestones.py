@@ -96,3 +96,25 @@ class BaseProgress:
         """
         x, y = float(positions[0, 0]), float(positions[0, 1])
         return abs(self._home_x - x) < _PLACED_M and abs(self._home_y - y) < _PLACED_M
+
+
+class TaskProgress:
+    """Which milestones of a task hold at a moment, whatever came before."""
+
+    def __init__(self, task: AssemblyTask) -> None:
+        """Prepare for ``task``."""
+        self._names = task.milestones
+        self._base = BaseProgress(task)
+        self._pairs = tuple(PairProgress(task, pair) for pair in task.pairs)
+
+    def reached(self, positions: Array, matrices: Array) -> set[str]:
+        """Their names.
+
+        Args:
+            positions: Part positions ``(P, 3)`` in the robot base frame.
+            matrices: Part rotations ``(P, 3, 3)``.
+        """
+        holds = [self._base.is_placed(positions)]
+        for pair in self._pairs:
+            holds += pair.measure(positions, matrices)
+        return {name for name, reached in zip(self._names, holds, strict=True) if reached}

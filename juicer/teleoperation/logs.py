@@ -36,8 +36,8 @@ class Logs:
         self.folder = folder
         self._task = task
         self._verifier = verifier
-        self._written: list[Path] = []
-        self._is_correction: dict[Path, bool] = {}
+        self._written: dict[Path, bool] = {}
+        """Logs of this session in their order, and whether they are corrections."""
         self._draft: Draft | None = None
         self._earlier = Counter(map(_is_correction, folder.glob(f"*{SUFFIX}")))
 
@@ -94,8 +94,7 @@ class Logs:
         sync(path)
         sync(self.folder)
         self._in_hand.remove()
-        self._written.insert(0, path)
-        self._is_correction[path] = log.parent is not None
+        self._written[path] = log.parent is not None
         self._verifier.submit(path, self._task)
         return path.name
 
@@ -113,14 +112,14 @@ class Logs:
         good = (Verdict.VERIFIED, Verdict.UNCHECKED)
         return self._earlier[corrections] + sum(
             self._verification(path).verdict in good
-            for path, is_correction in self._is_correction.items()
+            for path, is_correction in self._written.items()
             if is_correction is corrections
         )
 
     @property
     def kept(self) -> tuple[Kept, ...]:
         """What became of the last episodes of this session, the newest first."""
-        return tuple(Kept(path.name, self._verification(path)) for path in self._written[:KEPT_SHOWN])
+        return tuple(Kept(path.name, self._verification(path)) for path in list(self._written)[: -KEPT_SHOWN - 1 : -1])
 
     def _verification(self, path: Path) -> Verification:
         return self._verifier.known(path) or CHECKING

@@ -95,7 +95,7 @@ def rates(result: ConditionResult) -> dict[str, float]:
         "success_rate_best": result.best,
         "success_rate_low": low,
         "success_rate_high": high,
-        # Told of no single model: MLflow averages over a group, and this stays the interval of the condition.
+        # Models do not have these two, so that MLflow's average over a group is the interval of the condition.
         "condition_rate_low": low,
         "condition_rate_high": high,
         "episodes": result.num_episodes,
