@@ -10,6 +10,7 @@ import numpy as np
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Episode
+from juicer.errors import ConfigError
 from juicer.imaging.jpeg import encode_jpeg
 from juicer.pages.browsing.episodes import list_episodes, recorded_episode
 from juicer.pages.drawing import Image, draw_steps, positions_of, renderer_of
@@ -29,11 +30,6 @@ _SMALL = (
 )
 
 
-def frames_of_sheet(length: int, first: int, stride: int, count: int) -> range:
-    """Steps of an episode that a sheet shows; the step after the last one is the end."""
-    return range(first, min(first + stride * count, length + 1), stride)
-
-
 @lru_cache(maxsize=128)
 def sheet(store: ArtifactStore, ref: ArtifactRef, number: int, first: int, stride: int, count: int) -> bytes:
     """Steps of an episode, row by row in :data:`SHEET_COLUMNS` columns.
@@ -44,15 +40,18 @@ def sheet(store: ArtifactStore, ref: ArtifactRef, number: int, first: int, strid
         number: Number of the episode.
         first: First step.
         stride: Steps from one to the next.
-        count: How many, as far as the episode goes on.
+        count: How many, as far as the episode goes on; the step after the last one is the end.
 
     Raises:
         ArtifactError: If there is no such recording.
+        ConfigError: If there is no such step.
         StateMissing: If it has no simulator states.
         RenderingUnavailable: If no OpenGL platform can draw.
     """
     episode = recorded_episode(store, ref, number)
-    frames = _drawn_small(episode, frames_of_sheet(len(episode), first, stride, count))
+    if first > len(episode):
+        raise ConfigError(f"the episode has the steps 0 to {len(episode)}, and not {first}")
+    frames = _drawn_small(episode, range(first, min(first + stride * count, len(episode) + 1), stride))
     columns = min(SHEET_COLUMNS, len(frames))
     rows = -(-len(frames) // columns)
     picture = np.zeros((rows * FRAME_HEIGHT, columns * FRAME_WIDTH, 3), np.uint8)
