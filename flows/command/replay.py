@@ -78,10 +78,11 @@ def _pace(speed: float) -> tuple[int, Fraction]:
 
 
 def _captioner(chosen: Chosen, video_format: VideoFormat) -> Any:
-    from juicer.imaging.captions import Captioner, describe, ending
+    from juicer.imaging.captions import Captioner, ending
+    from juicer.provenance import provenance
 
     record = chosen.episode.record
-    title = [*describe(record), chosen.name, f"initial state {record.seed}", ending(chosen.episode)]
+    title = [record.task, *provenance(record), chosen.name, f"initial state {record.seed}", ending(chosen.episode)]
     if chosen.evaluated and chosen.evaluated.differences:
         row = chosen.evaluated.row
         title.append(f"the evaluation recorded {row.outcome.value} after {row.length} steps")

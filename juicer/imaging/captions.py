@@ -9,9 +9,8 @@ import numpy as np
 import PIL.Image
 from PIL import ImageDraw, ImageFont
 
-from juicer.episode import Episode, EpisodeRecord, Outcome
+from juicer.episode import Episode, Outcome
 from juicer.imaging.video import Frame, Image, VideoFormat
-from juicer.shifts import parse_shift
 from juicer.sim.env import STEP_S
 from juicer.text import printable
 from juicer.views import GazeCrop, View
@@ -29,23 +28,6 @@ _LONGEST = 60
 """Letters of one item of a title; ids and names are shorter."""
 
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
-
-
-def describe(record: EpisodeRecord) -> list[str]:
-    """What is known of an episode from its own record, an item each."""
-    items = [record.task]
-    if record.policy:
-        items.append(f"policy {record.policy[:8]}")
-    if record.parent:
-        step = "" if record.parent_step is None else f" at step {record.parent_step}"
-        items.append(f"grown from {record.parent}{step}")
-    if record.critical_state is not None:
-        items.append(f"returns to critical state {record.critical_state}")
-    if record.device:
-        items.append(record.device)
-    if shift := parse_shift(record.shift):
-        items.append(shift.phrase)
-    return items
 
 
 def ending(episode: Episode) -> str:

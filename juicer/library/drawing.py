@@ -9,8 +9,9 @@ import numpy as np
 
 from juicer.episode import Episode
 from juicer.errors import ConfigError
-from juicer.imaging.captions import Captioner, describe, ending
+from juicer.imaging.captions import Captioner, ending
 from juicer.imaging.video import Image, VideoFormat, draw, evenly_spaced, every, write_video
+from juicer.provenance import provenance
 from juicer.sim.arguments import checked_count, is_whole, shown
 from juicer.sim.env import CONTROL_HZ
 
@@ -27,7 +28,8 @@ def video(path: Path, episode: Episode, video_format: VideoFormat, speed: float)
     """Write a video; see :func:`juicer.api.video`."""
     if not isinstance(speed, int | float) or not 0.1 <= speed <= 100:
         raise ConfigError(f"speed must be a number from 0.1 to 100, got {shown(speed)}")
-    title = [*describe(_checked(episode).record), f"initial state {episode.record.seed}", ending(episode)]
+    record = _checked(episode).record
+    title = [record.task, *provenance(record), f"initial state {record.seed}", ending(episode)]
     frames = draw(episode, every(episode, 1), video_format)
     write_video(path, Captioner(episode, video_format, title).captioned(frames), round(CONTROL_HZ * speed))
     return path

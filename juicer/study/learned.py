@@ -6,18 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from statistics import fmean
 
 from juicer.episode import Source
+from juicer.provenance import NOUNS
 from juicer.reporting.lineage import checkpoint_of
 from juicer.reporting.paper import PAPER_TABLE_V
 from juicer.reporting.section import Section, Table
 from juicer.study.material import Measured, TaskStudy
-
-SOURCES: Mapping[Source, str] = {
-    Source.TELEOP: "demonstrations",
-    Source.ROLLOUT: "rollouts",
-    Source.AUGMENTATION: "corrective snippets",
-    Source.CORRECTION: "corrections",
-}
-"""Every source, in the paper's order, which has no corrections."""
 
 
 def learned_section(studies: Sequence[TaskStudy]) -> Section | None:
@@ -25,12 +18,13 @@ def learned_section(studies: Sequence[TaskStudy]) -> Section | None:
     tables = tuple(table for study in studies for table in _learned(study))
     if not tables:
         return None
+    sources = " / ".join(f"{noun}s" for noun in NOUNS.values())
     return Section(
         "learned",
         "Learned from",
         "What each policy learned from",
-        f"As in the paper's Table V: {' / '.join(SOURCES.values())}, means over the models of a condition. Windows are "
-        "the samples that training cut out of them. Unused are steps at which none begins: the ends of episodes, and "
+        f"As in the paper's Table V: {sources}, means over the models of a condition. Windows are the samples that "
+        "training cut out of them. Unused are steps at which none begins: the ends of episodes, and "
         "episodes shorter than a window.",
         tables,
     )
@@ -73,8 +67,8 @@ def _learners(study: TaskStudy, measured: Measured) -> list[Mapping[str, Mapping
 
 
 def _mean(summaries: Sequence[Mapping[str, Mapping[str, int]]], fact: str) -> dict[Source, float]:
-    return {source: fmean(summary.get(fact, {}).get(source, 0) for summary in summaries) for source in SOURCES}
+    return {source: fmean(summary.get(fact, {}).get(source, 0) for summary in summaries) for source in NOUNS}
 
 
 def _by_source(counts: Mapping[Source, float]) -> str:
-    return " / ".join(f"{counts[source]:.0f}" for source in SOURCES)
+    return " / ".join(f"{counts[source]:.0f}" for source in NOUNS)

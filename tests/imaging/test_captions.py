@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from juicer.episode import DEMONSTRATION, Outcome, Source
-from juicer.imaging.captions import GAP, Captioner, describe, ending
+from juicer.episode import DEMONSTRATION, Outcome
+from juicer.imaging.captions import GAP, Captioner, ending
 from juicer.imaging.video import Frame, VideoFormat
+from juicer.provenance import provenance
 from juicer.views import View
 
 BOTH = VideoFormat(width=320, height=240)
@@ -19,14 +20,6 @@ MILESTONES = {"top_placed": 3, "leg_lifted": 7}
 def frame_of(video_format, step):
     image = np.full((video_format.height, video_format.width, 3), 90, np.uint8)
     return Frame(step, (image,) * len(video_format.cameras))
-
-
-def test_an_episode_is_described_by_what_its_record_holds(episode_factory):
-    snippet = episode_factory(12, source=Source.AUGMENTATION, parent="abc/3", critical_state=1, outcome=Outcome.TIMEOUT)
-    assert describe(snippet.record) == ["one_leg", "grown from abc/3", "returns to critical state 1"]
-    rollout = episode_factory(12, source=Source.ROLLOUT, policy="0123456789abcdef")
-    assert describe(rollout.record) == ["one_leg", "policy 01234567"]
-    assert ending(snippet) == "timeout after 12 steps"
 
 
 @pytest.mark.parametrize("video_format", [BOTH, VideoFormat(("wrist",), 161, 121), VideoFormat(width=1280, height=720)])
@@ -69,7 +62,7 @@ def test_steps_of_a_demonstration_are_told_as_those_of_the_recording(episode_fac
 def test_no_text_breaks_a_caption(episode_factory, text):
     episode = episode_factory(12, milestones={text: 2, "leg_lifted": 3}, device=text)
     video_format = VideoFormat(("front",), 160, 120)
-    image = Captioner(episode, video_format, [text, *describe(episode.record)]).caption(frame_of(video_format, 12))
+    image = Captioner(episode, video_format, [text, *provenance(episode.record)]).caption(frame_of(video_format, 12))
     assert image.shape[1] == 160
     assert len(image) < 400
 
@@ -78,6 +71,10 @@ def test_a_title_too_long_for_a_line_takes_several(episode_factory):
     short = Captioner(episode_factory(12), BOTH, ["one"]).caption(frame_of(BOTH, 0))
     long = Captioner(episode_factory(12), BOTH, [f"item number {n}" for n in range(20)]).caption(frame_of(BOTH, 0))
     assert len(long) > len(short)
+
+
+def test_an_ending_tells_outcome_and_steps(episode_factory):
+    assert ending(episode_factory(12, outcome=Outcome.TIMEOUT)) == "timeout after 12 steps"
 
 
 def test_the_outcome_stands_clear_of_the_time(episode_factory):

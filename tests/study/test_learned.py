@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from juicer.episode import Source
-from juicer.study.learned import SOURCES, learned_section
+from juicer.study.learned import learned_section
 
 LEARNED = {
     "episodes": {"teleop": 50, "rollout": 83, "augmentation": 150, "correction": 7},
@@ -25,7 +24,3 @@ def test_sizes_have_the_form_of_table_v_with_corrections_after_them(made):
         "50 / 50 / 150",
     )  # fmt: skip
     assert replay[:2] == ("REPLAY", "50 / 0 / 0 / 0")
-
-
-def test_a_source_that_is_added_must_be_told():
-    assert set(SOURCES) == set(Source)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -11,6 +11,7 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import STATE_KEY, Episode, EpisodeRecord, Outcome
 from juicer.errors import ArtifactNotFound, ConfigError, EvaluationOnly, NotCorrectable, WrongArtifactKind
+from juicer.provenance import provenance
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.evaluations import EXAMPLES, read_evaluation
 from juicer.tasks.registry import get_task
@@ -30,7 +31,7 @@ class Line:
         length: Its steps.
         parts_assembled: Pairs assembled at its end.
         milestones: Step at which each milestone was reached.
-        origin: What else is known of where it comes from, e.g. who recorded it.
+        origin: Where it comes from, as far as that is known, e.g. who recorded it.
         place: Its number among the recorded ones; None if only this line was kept of it.
         is_correctable: Whether a person may finish it by hand.
     """
@@ -172,7 +173,7 @@ def _listed(ref: ArtifactRef, folder: Path) -> EpisodeList:
                 length=int(reader.lengths[number]),
                 parts_assembled=record.parts_assembled,
                 milestones=record.milestones,
-                origin=", ".join(_origin(record)),
+                origin=", ".join(provenance(record)),
                 place=number,
                 is_correctable=_is_correctable(record),
             )
@@ -180,14 +181,6 @@ def _listed(ref: ArtifactRef, folder: Path) -> EpisodeList:
         )
     task = reader.records[0].task if reader.records else ""
     return EpisodeList(ref, task, _milestones(task, lines), lines, STATE_KEY in reader.schema)
-
-
-def _origin(record: EpisodeRecord) -> Iterator[str]:
-    if record.log:
-        yield record.log
-    if record.parent:
-        at = "" if record.parent_step is None else f" at step {record.parent_step}"
-        yield f"grown from {record.parent}{at}"
 
 
 def _is_correctable(record: EpisodeRecord) -> bool:

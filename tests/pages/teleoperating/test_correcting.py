@@ -62,7 +62,8 @@ def test_the_page_of_a_correction_says_what_it_was_grown_from(client, keep, stuc
     facts = {"source": Source.CORRECTION, "parent": "0123456789abcdef", "parent_step": 7, "log": "a.npz"}
     ref = keep(replace(stuck, record=replace(stuck.record, **facts, episode_id="")), "ingest")
     shown = client.get("/episodes", params={"artifact": str(ref), "episode": 0}, headers=HTML).text
-    assert "a.npz, grown from 0123456789abcdef at step 7" in shown
+    assert "correction grown from 0123456789abcdef at step 7" in shown
+    assert "a.npz" in shown
 
 
 def test_what_is_no_rollout_that_was_collected_has_no_such_link(client, run):
