@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_info
 
 from juicer.annotation.annotate import annotate
 from juicer.annotation.propose import AnnotationConfig
@@ -108,7 +109,7 @@ class Case:
         # Since Python 3.12, sum() adds floating-point numbers otherwise.
         python = f"Python {sys.version_info.major}.{sys.version_info.minor}"
         libraries = [f"{name} {version(name)}" for name in self.libraries]
-        return ", ".join([python, *libraries, " ".join(platform.libc_ver()), processor()])
+        return ", ".join([python, *libraries, " ".join(platform.libc_ver()), processor(), blas()])
 
 
 def processor() -> str:
@@ -118,6 +119,18 @@ def processor() -> str:
     told = {name.strip(): value.split() for name, value in facts.items()}
     extensions = [name for name in EXTENSIONS if name in told.get("flags", [])]
     return " ".join([platform.machine(), *told.get("vendor_id", []), *extensions])
+
+
+def blas() -> str:
+    """Libraries behind NumPy's matrix products, with the kernels that they chose, e.g. ``openblas SkylakeX``.
+
+    Two processors with the same extensions may be given different ones: OpenBLAS takes a processor that is newer than
+    itself for an older one.
+    """
+    chosen = {
+        (each["internal_api"], each.get("architecture", "")) for each in threadpool_info() if each["user_api"] == "blas"
+    }
+    return " ".join(" ".join(each) for each in sorted(chosen))
 
 
 def digest(values: np.ndarray[Any, Any]) -> str:
