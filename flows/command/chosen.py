@@ -94,14 +94,15 @@ def check_place(path: Path, noun: str, suffixes: Sequence[str]) -> None:
     Raises:
         ConfigError: If it has another one, its folder is not there, or it is a folder.
     """
+    shown = printable(path, 500)
     if path.suffix.lower() not in suffixes:
         known = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
-        raise ConfigError(f"{noun} '{path}' must end in {known}")
+        raise ConfigError(f"{noun} '{shown}' must end in {known}")
     try:
         has_folder, is_folder = path.parent.is_dir(), path.is_dir()
     except OSError as error:
-        raise ConfigError(f"{noun} '{printable(path)}' cannot be written: {error.strerror}") from None
+        raise ConfigError(f"{noun} '{shown}' cannot be written: {error.strerror}") from None
     if not has_folder:
-        raise ConfigError(f"folder '{path.parent}' for the {noun} does not exist")
+        raise ConfigError(f"folder '{printable(path.parent, 500)}' for the {noun} does not exist")
     if is_folder:
-        raise ConfigError(f"{noun} '{path}' is a folder; name a file")
+        raise ConfigError(f"{noun} '{shown}' is a folder; name a file")

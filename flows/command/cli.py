@@ -143,7 +143,7 @@ def report(
     condition: Conditions = None,
     seed: Seeds = None,
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="Page to write; drawings go beside it.")
+        Path, typer.Option("--output", "-o", metavar="FILE.md", help="Page to write; drawings go beside it.")
     ] = Path("study.md"),
     as_json: AsJson = False,
 ) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flows.command.choice import Choice
+from flows.command.chosen import check_place
 from flows.running.data_folder import open_store
 from flows.running.settings import read_settings
 from flows.terminal.output import say, say_json
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 def write_report_page(choice: Choice, output: Path, as_json: bool) -> None:
     """``juicer report``; computes nothing but the page."""
+    check_place(output, "Markdown page", (".md",))
     store = open_store(read_settings())
     runs = choice.runs()
     from juicer.study.markdown import write_markdown

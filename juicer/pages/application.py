@@ -101,6 +101,8 @@ def _refusal(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     if error.status_code == 404 and error.detail == "Not Found":
         return _answer(request, f"there is no page '{printable(request.url.path)}'", 404)
+    if error.status_code == 405:
+        return _answer(request, f"'{printable(request.url.path)}' does not answer to {printable(request.method)}", 405)
     return _answer(request, str(error.detail), error.status_code)
 
 

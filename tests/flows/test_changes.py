@@ -213,7 +213,7 @@ def test_the_page_of_a_study_is_written_from_what_is_there(finished, tmp_path, c
     assert "| models evaluated | 4 of 7 |" in text
     assert "## What it cost to compute" in text
     assert "![one\\_leg: Success over steps](study/one_leg_steps.png)" in text
-    assert call(["report", str(folder / "sweep.yaml"), "--output", "/proc/none/study.md"]) == 1
+    assert call(["report", str(folder / "sweep.yaml"), "--output", "/proc/study.md"]) == 1
     assert "cannot be written" in capsys.readouterr().err
 
 

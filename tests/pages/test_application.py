@@ -83,6 +83,10 @@ def test_unknown_address_is_a_page_with_a_sentence(client, path):
     assert client.get(path).json()["error"].startswith("there is no page")
 
 
+def test_what_an_address_does_not_do_is_said(client):
+    assert client.delete("/").json()["error"] == "'/' does not answer to DELETE"
+
+
 def test_foreign_text_in_an_address_is_escaped(client):
     answer = client.get("/%3Cscript%3E%E2%80%AE", headers=HTML)
     assert "<script>\\u" not in answer.text
