@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from flows.analyses import analyse, annotations_of
+from flows.analysing import analyse
+from flows.annotations import annotations_of
 from flows.conditions import Condition
 from flows.config import RunConfig
 from flows.loop_config import LoopConfig

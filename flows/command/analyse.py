@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from flows.analyses import analyse
+from flows.analysing import analyse
 from flows.command.evaluate import only_task, run_on
 from flows.loop_config import LoopConfig
 from flows.terminal.output import say, say_json

@@ -11,7 +11,7 @@ import av
 import numpy as np
 import pytest
 
-from flows.analyses import annotations_of
+from flows.annotations import annotations_of
 from flows.command.evaluated import evaluated_row, kept_episode, recomputed_episode
 from flows.loop_config import LoopConfig
 from flows.stopping import StopConfig, measure_alone
