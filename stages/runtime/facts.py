@@ -12,6 +12,9 @@ from juicer.text import printable
 Need = Literal["device", "devices"]
 """A device to itself; or as many as the machine has processes for one training, each of which runs the body then."""
 
+_UNITS = frozenset({"mm", "deg", "s"})
+"""Last words of names of facts."""
+
 
 @dataclass(frozen=True)
 class StageFacts:
@@ -41,7 +44,7 @@ class StageFacts:
 
     def _headline(self, summary: Mapping[str, Any]) -> str:
         chosen = {name: summary[name] for name in self.headline if isinstance(summary.get(name), int | float)}
-        told = [f"{_words(name)} {number(value)}" for name, value in chosen.items()]
+        told = [_told(name, value) for name, value in chosen.items()]
         return "; ".join(str(part) for part in (", ".join(told), summary.get(FINDING)) if part)
 
 
@@ -50,5 +53,8 @@ def number(value: float | str) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
-def _words(name: str) -> str:
-    return name.rpartition("/")[2].replace("_", " ")
+def _told(name: str, value: float) -> str:
+    """A fact in words, e.g. ``position error 7.29 mm`` for ``validation/position_error_mm``."""
+    words = name.rpartition("/")[2].split("_")
+    unit = [words.pop()] if words[-1] in _UNITS else []
+    return " ".join([*words, number(value), *unit])

@@ -22,6 +22,13 @@ def test_headline_has_the_facts_in_the_order_of_the_stage_and_the_finding():
     assert facts.texts({"finding": "nothing"}) == {HEADLINE: "nothing"}
 
 
+def test_headline_tells_units_behind_their_numbers():
+    facts = StageFacts("steps", "steps", ("validation/position_error_mm", "simulated_s"))
+    assert facts.texts({"validation/position_error_mm": 7.291, "simulated_s": 2}) == {
+        HEADLINE: "position error 7.29 mm, simulated 2 s"
+    }
+
+
 def test_what_a_body_says_of_its_artifact_stays():
     assert StageFacts("words", "words").texts({"words": 2, LABEL: "two words"}) == {}
 
