@@ -15,6 +15,7 @@ class Table:
         title: What it shows, if a section has several.
         note: What a reader must know to read it.
         words: Columns, from the first, that hold words; the others hold numbers.
+        folded: Whether a web page shows it only when asked to, by its title.
     """
 
     columns: tuple[str, ...]
@@ -22,6 +23,7 @@ class Table:
     title: str = ""
     note: str = ""
     words: int = 1
+    folded: bool = False
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -87,18 +88,36 @@ CLAIMS = (
 
 
 def claims_section(studies: Sequence[TaskStudy]) -> Section | None:
-    """What results say of each statement, task by task."""
-    rows, counts = [], dict.fromkeys(Ruling, 0)
-    for claim in CLAIMS:
-        for study in studies:
-            if study.task in claim.tasks:
-                verdict = claim.rule.judge(study)
-                counts[verdict.ruling] += 1
-                rows.append((claim.sentence, claim.source, study.task, verdict.ruling.value, verdict.reason))
-    if not rows or counts[Ruling.UNTESTED] == len(rows):
+    """What results say of each statement, task by task; those that they say nothing of apart."""
+    verdicts = [
+        (claim, study, claim.rule.judge(study)) for claim in CLAIMS for study in studies if study.task in claim.tasks
+    ]
+    counts = Counter(verdict.ruling for _, _, verdict in verdicts)
+    if counts[Ruling.UNTESTED] == len(verdicts):
         return None
+    judged = [
+        (claim.sentence, claim.source, study.task, verdict.ruling.value, verdict.reason)
+        for claim, study, verdict in verdicts
+        if verdict.ruling is not Ruling.UNTESTED
+    ]
+    untested = [
+        (claim.sentence, claim.source, study.task, verdict.reason)
+        for claim, study, verdict in verdicts
+        if verdict.ruling is Ruling.UNTESTED
+    ]
+    tables = [Table(("statement", "where", "task", "verdict", "by what"), tuple(judged), words=5)]
+    if untested:
+        tables.append(
+            Table(
+                ("statement", "where", "task", "why"),
+                tuple(untested),
+                f"{len(untested)} not tested",
+                words=4,
+                folded=True,
+            )
+        )
     bases = "; ".join(f"{study.task} {base}" for study in studies if (base := study.base))
-    told = ", ".join(f"{count} {ruling.value}" for ruling, count in counts.items() if count)
+    told = ", ".join(f"{counts[ruling]} {ruling.value}" for ruling in Ruling if counts[ruling])
     return Section(
         "claims",
         "Claims",
@@ -107,5 +126,5 @@ def claims_section(studies: Sequence[TaskStudy]) -> Section | None:
         "difference over models and episodes both say so (each statement tested by itself, at 5 %); else it cannot be "
         "told. Intervals are 95 %. The paper's Table VI is of 50 demonstrations at low randomness"
         + (f"; what changes nothing here is of {bases}." if bases else "."),
-        (Table(("statement", "where", "task", "verdict", "by what"), tuple(rows), words=5),),
+        tuple(tables),
     )

@@ -149,9 +149,13 @@ def test_an_optimum_lies_within_bounds_if_nothing_outside_may_be_as_good(study, 
 def test_each_statement_is_told_with_its_verdict_and_the_reason(study, result):
     section = claims_section([study(result("bc", 0.4, 0.4), result("ta", 0.8, 0.8))])
     assert section is not None
-    ((first, *_),) = [table.rows for table in section.tables]
-    assert first[:4] == ("Corrective snippets help: TA beats BC.", "Table VI", "one_leg", "holds")
-    assert len(section.tables[0].rows) == len(CLAIMS)
+    judged, untested = section.tables
+    assert [row[:4] for row in judged.rows] == [
+        ("Corrective snippets help: TA beats BC.", "Table VI", "one_leg", "holds")
+    ]
+    assert len(judged.rows) + len(untested.rows) == len(CLAIMS)
+    assert untested.folded
+    assert "no result of ci" in {why for *_, why in untested.rows}
     assert section.note.startswith("1 holds, ")
 
 
