@@ -116,7 +116,7 @@ def claims_section(studies: Sequence[TaskStudy]) -> Section | None:
                 folded=True,
             )
         )
-    bases = "; ".join(f"{study.task} {base}" for study in studies if (base := study.base))
+    bases = "; ".join(f"{base} ({study.task})" for study in studies if (base := study.base))
     told = ", ".join(f"{counts[ruling]} {ruling.value}" for ruling in Ruling if counts[ruling])
     return Section(
         "claims",

@@ -70,8 +70,8 @@ def test_what_conditions_are_based_on_is_told_beside_the_papers(made):
         made.evaluation(name, checkpoint, randomness="med")
     claims, rates = claims_section([made.study]), success_section([made.study])
     assert claims.note.endswith(
-        "of 50 demonstrations at low randomness; what changes nothing here is of one_leg 10 demonstrations, "
-        "randomness med."
+        "of 50 demonstrations at low randomness; what changes nothing here is of 10 demonstrations, randomness med "
+        "(one_leg)."
     )
     assert rates.tables[0].note == "10 demonstrations, randomness med"
 
