@@ -1,4 +1,4 @@
-"""Text from elsewhere, made fit to be shown: in a terminal, in an error message, in a manifest."""
+"""Text for people: foreign text made fit for terminals, messages and manifests, and advice that messages share."""
 
 from __future__ import annotations
 
@@ -19,6 +19,11 @@ def printable(text: object, longest: int = LONGEST_SHOWN) -> str:
     shown = str(text)
     cut = shown if len(shown) <= longest else shown[: longest - 1] + "…"
     return "".join(_escaped(letter) for letter in cut)
+
+
+def adding_extra(name: str) -> str:
+    """How to install the libraries of one of juicer's extras; package indices know another project by juicer's name."""
+    return f"`pip install --editable '.[{name}]'` in juicer's repository adds it"
 
 
 def _escaped(letter: str) -> str:

@@ -17,6 +17,7 @@ from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 from flows.running.settings import RUNNER_VARIABLE, Settings, read_settings
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ConfigError
+from juicer.text import adding_extra
 from stages.runtime.cluster import Opener
 from stages.runtime.execution import perform_here
 from stages.runtime.session import Session
@@ -38,9 +39,9 @@ def task_runner() -> TaskRunner[PrefectFuture[Any]]:
         else:
             runner = ThreadPoolTaskRunner(max_workers=settings.workers)
     except ModuleNotFoundError as error:
-        kind = settings.runner_kind
         raise ConfigError(
-            f"environment variable {RUNNER_VARIABLE}: {error.name} is not installed; pip install 'juicer[{kind}]'"
+            f"environment variable {RUNNER_VARIABLE}: {error.name} is not installed; "
+            f"{adding_extra(settings.runner_kind)}"
         ) from None
     return cast("TaskRunner[PrefectFuture[Any]]", runner)
 

@@ -18,6 +18,7 @@ from juicer.imaging.jpeg import encode_jpeg
 from juicer.imaging.video import VideoFormat, draw
 from juicer.sim.env import STEP_S
 from juicer.tasks.registry import get_task
+from juicer.text import adding_extra
 
 SUFFIX = ".rrd"
 TIMELINES = STEP, TIME = "step", "sim_time"
@@ -32,7 +33,7 @@ def require_rerun() -> Any:
     try:
         return importlib.import_module("rerun")
     except ImportError:
-        raise ConfigError("Rerun is not installed; add it with `pip install 'juicer[rerun]'`") from None
+        raise ConfigError(f"Rerun is not installed; {adding_extra('rerun')}") from None
 
 
 def viewer() -> Path:

@@ -18,7 +18,7 @@ import numpy as np
 from juicer.errors import DeviceUnavailable
 from juicer.teleoperation.controls import ControllerState
 from juicer.teleoperation.key_codes import SPACEMOUSE_BUTTONS
-from juicer.text import printable
+from juicer.text import adding_extra, printable
 
 FULL_DEFLECTION = 500
 """The original's; most models reach 350."""
@@ -147,7 +147,7 @@ def _library() -> Any:
         return importlib.import_module("hidraw")
     except ImportError:
         raise DeviceUnavailable(
-            "a SpaceMouse is read through the library hidapi, which is not installed; install juicer[spacemouse]"
+            f"a SpaceMouse is read through the library hidapi, which is not installed; {adding_extra('spacemouse')}"
         ) from None
 
 

@@ -174,7 +174,7 @@ def test_gymnasiums_wrappers_get_pictures(env: AssemblyEnv):
 
 
 def test_gymnasium_records_a_video(tmp_path: Path):
-    pytest.importorskip("moviepy", reason="pip install 'juicer[video]'")
+    pytest.importorskip("moviepy", reason="needs the extra 'video'")
     with RecordVideo(gymnasium.make(environment_id("one_leg"), render_mode="rgb_array"), str(tmp_path)) as env:
         env.reset(seed=0)
         for _ in range(3):

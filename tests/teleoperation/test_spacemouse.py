@@ -132,7 +132,7 @@ def test_a_device_that_is_plugged_in_is_opened(monkeypatch: pytest.MonkeyPatch, 
 
 def test_a_missing_library_is_said_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "hidraw", None)
-    with pytest.raises(DeviceUnavailable, match=r"hidapi, which is not installed; install juicer\[spacemouse\]"):
+    with pytest.raises(DeviceUnavailable, match=r"hidapi, which is not installed; .*\[spacemouse\]"):
         open_spacemouse()
 
 

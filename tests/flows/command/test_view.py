@@ -28,7 +28,9 @@ def episodes(tmp_path, monkeypatch, insertions):
 def test_without_rerun_it_is_said_how_to_get_it(capsys, tmp_path, episodes):
     path = tmp_path / "episode.rrd"
     assert call(["view", episodes.id, "-o", str(path)]) == 1
-    assert capsys.readouterr().err == "juicer: Rerun is not installed; add it with `pip install 'juicer[rerun]'`\n"
+    assert capsys.readouterr().err == (
+        "juicer: Rerun is not installed; `pip install --editable '.[rerun]'` in juicer's repository adds it\n"
+    )
     assert not path.exists()
 
 
