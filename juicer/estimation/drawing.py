@@ -17,7 +17,7 @@ from juicer.estimation.scenes import ChosenSteps, displaced
 from juicer.imaging.processes import DrawingProcesses, Scenes
 from juicer.progress import Progress, silent_progress
 from juicer.storage.episodes import EpisodeReader
-from juicer.storage.room import require_room
+from juicer.storage.room import new_images, require_room
 from juicer.views import View
 
 BATCH = 64
@@ -94,7 +94,7 @@ def _draw(
     """Draw a set of states; yields how many are drawn."""
     folder.mkdir()
     total = len(states.chosen.steps)
-    images = {name: np.memmap(folder / name, np.uint8, "w+", shape=shape) for name, shape in _shapes(total, views)}
+    images = {name: new_images(folder / name, shape) for name, shape in _shapes(total, views)}
     scenes: list[Scene] = []
 
     def batches() -> Iterator[Scenes]:

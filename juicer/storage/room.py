@@ -1,9 +1,15 @@
-"""Whether a disk has room for what is going to be written, asked before hours of work."""
+"""Room on a disk: asked for before hours of work, and taken at once where a file is mapped into memory."""
 
 from __future__ import annotations
 
+import math
+import os
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from juicer.errors import StoreNotWritable
 from juicer.text import printable
@@ -26,6 +32,26 @@ def require_room(folder: Path, needed: float, what: str) -> None:
             f"{what} take about {_size(needed)}, and the disk of '{printable(folder)}' has {_size(free)} left; "
             "make room there, or look at fewer or smaller views"
         )
+
+
+def new_images(path: Path, shape: Sequence[int]) -> np.memmap[Any, np.dtype[np.uint8]]:
+    """An array in a new file, to be written through memory.
+
+    All of its room is taken now: a disk that is full only when a page is written kills the process with a signal.
+
+    Raises:
+        StoreNotWritable: If there is too little room.
+    """
+    size = math.prod(shape)
+    try:
+        with path.open("wb") as file:
+            os.posix_fallocate(file.fileno(), 0, size)
+    except OSError as error:
+        path.unlink(missing_ok=True)
+        raise StoreNotWritable(
+            f"'{printable(path)}' of {_size(size)} cannot be written ({error.strerror or error}); make room there"
+        ) from None
+    return np.memmap(path, np.uint8, "r+", shape=tuple(shape))
 
 
 def _size(number: float) -> str:

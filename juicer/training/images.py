@@ -15,7 +15,7 @@ from juicer.errors import ArtifactError
 from juicer.progress import Progress, silent_progress
 from juicer.storage.dataset import DatasetRow
 from juicer.storage.episodes import EpisodeReader
-from juicer.storage.room import require_room
+from juicer.storage.room import new_images, require_room
 from juicer.views import ImageSpec
 
 READ_BYTES = 2**26
@@ -65,11 +65,14 @@ def unpack_images(
     folder.mkdir(parents=True, exist_ok=True)
     with FileLock(folder / "unpacking.lock"):
         missing = [spec for spec in specs if not (folder / spec.name).exists()]
+        for spec in missing:
+            # What a killed process left takes the room that is asked for now.
+            _draft(folder, spec).unlink(missing_ok=True)
         needed = total * sum(sizes[spec.name] for spec in missing)
         require_room(folder, needed, f"the images of {total:,} steps, unpacked for the training,")
         for number, spec in enumerate(missing):
             _unpack(groups, spans, spec, folder, total, _part(progress, number, len(missing)))
-    return {spec.name: np.memmap(folder / spec.name, np.uint8, "c", shape=(total, *_sizes(spec))) for spec in specs}
+    return {spec.name: np.memmap(folder / spec.name, np.uint8, "r", shape=(total, *_sizes(spec))) for spec in specs}
 
 
 def _unpack(
@@ -81,8 +84,8 @@ def _unpack(
     progress: Callable[[float], None],
 ) -> None:
     """Write the file of a view; under its name there is a whole one or none."""
-    draft = folder / f"{spec.name}.draft"
-    images = np.memmap(draft, np.uint8, "w+", shape=(total, *_sizes(spec)))
+    draft = _draft(folder, spec)
+    images = new_images(draft, (total, *_sizes(spec)))
     done = 0
     for group, each in zip(groups, spans, strict=True):
         for span in each:
@@ -92,6 +95,10 @@ def _unpack(
             progress(done / total)
     images.flush()
     draft.replace(folder / spec.name)
+
+
+def _draft(folder: Path, spec: ImageSpec) -> Path:
+    return folder / f"{spec.name}.draft"
 
 
 def _part(progress: Progress, number: int, count: int) -> Callable[[float], None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -127,4 +128,7 @@ def _shown(episodes: TrainingEpisodes, names: Sequence[str]) -> dict[str, Tensor
                 f"the policy observes '{name}', which the episodes do not hold; they hold "
                 f"{', '.join(sorted(episodes.observations))}"
             )
-    return {name: torch.from_numpy(episodes.observations[name]) for name in names}
+    with warnings.catch_warnings():
+        # Images lie in files that are mapped to be read: to map them to be changed would count as memory.
+        warnings.filterwarnings("ignore", "The given NumPy array is not writable")
+        return {name: torch.from_numpy(episodes.observations[name]) for name in names}

@@ -69,10 +69,14 @@ def test_what_is_unpacked_is_used_again_and_what_a_kill_left_half_is_not(group_o
     group, images = group_of("0123456789abcdef", (5,), (0,))
     scratch = tmp_path / "scratch"
     scratch.mkdir()
-    (scratch / f"{VIEW.name}.draft").write_bytes(b"half")
+    draft = scratch / f"{VIEW.name}.draft"
+    draft.write_bytes(b"half")
+    asked = []
+    monkeypatch.setattr(module, "require_room", lambda *_: asked.append(draft.exists()))
     unpacked = unpack_images([group], [VIEW.observed()], scratch)
+    assert asked == [False], "its room is counted as taken"
     np.testing.assert_array_equal(unpacked[VIEW.name], images[0])
-    unpacked[VIEW.name][:] = 0
+    assert not unpacked[VIEW.name].flags.writeable, "what is mapped to be changed counts as memory"
     monkeypatch.setattr(module, "_unpack", None)
     np.testing.assert_array_equal(unpack_images([group], [VIEW.observed()], scratch)[VIEW.name], images[0])
 
