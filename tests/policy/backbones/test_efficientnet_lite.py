@@ -33,7 +33,12 @@ def test_it_sees_an_admiral_in_her_uniform():
     with Image.open(Path(matplotlib.get_data_path()) / "sample_data" / "grace_hopper.jpg") as portrait:
         image = np.array(portrait.crop((0, 0, 512, 512)).resize((224, 224), Image.Resampling.BICUBIC))
     pixels = Pixels(CONFIG)(torch.from_numpy(image).permute(2, 0, 1)[None] / 255)
+    stem = []
+    backbone._conv_stem.register_forward_hook(lambda module, given, found: stem.append(found))
     with torch.no_grad():
         shares = (backbone(pixels) @ file["_fc.weight"].T + file["_fc.bias"]).softmax(dim=-1)[0]
     assert int(shares.argmax()) == MILITARY_UNIFORM
-    assert float(shares.max()) == pytest.approx(0.44, abs=0.01)
+    assert float(shares.max()) == pytest.approx(0.32, abs=0.01)
+    # As bright and as varied as what it has learned from.
+    variance = stem[0].var(dim=(0, 2, 3)) / file["_bn0.running_var"]
+    assert 0.5 < float(variance.median()) < 2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from juicer.policy.members import BackboneConfig
+from juicer.policy.members import BackboneConfig, Colour
 
 FEATURES = 1280
 _PARAMETERS = 3_371_008
@@ -14,6 +14,8 @@ class EfficientNetLiteConfig(BackboneConfig):
     """EfficientNet-Lite0, means of its last maps; its normalisation is that of batches."""
 
     network: ClassVar[str] = "juicer.policy.backbones.efficientnet_lite.network:EfficientNetLite"
+    pixel_mean: ClassVar[Colour] = (127 / 255, 127 / 255, 127 / 255)
+    pixel_std: ClassVar[Colour] = (128 / 255, 128 / 255, 128 / 255)
 
     kind: Literal["efficientnet_lite"] = "efficientnet_lite"
     variant: Literal["lite0"] = "lite0"
