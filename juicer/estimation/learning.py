@@ -15,6 +15,8 @@ from torch import Tensor
 
 from juicer.episode import PROPRIOCEPTION_SIZE
 from juicer.estimation.drawn import DrawnStates
+from juicer.policy.backbone import BatchNorm
+from juicer.policy.config import FeatureSpec
 from juicer.policy.encoders.estimated.estimator import Estimator
 from juicer.policy.encoders.features.features import read_pair, state_features
 from juicer.policy.torch_settings import chosen_precision, compute_settings, usable_device
@@ -101,12 +103,19 @@ def learn(
         ConfigError: If there is no such device.
     """
     torch_device = usable_device(device)
-    threads = estimator.config.estimator.threads if torch_device.type == "cpu" else 1
+    shares = torch_device.type == "cpu" and not _takes_statistics(estimator)
+    threads = estimator.config.estimator.threads if shares else 1
     with compute_settings(1, "medium"), ThreadPoolExecutor(threads) as pool:
         loop = _Loop(estimator, drawn, torch_device, seed, pool, threads)
         loss = loop.run(identity, scratch, progress, metrics or NullMetricSink())
         errors = measure(loop.acting, held_out, critical_states)
     return Learned(loop.acting.cpu(), loss, errors, {"device": torch_device.type, "precision": loop.precision})
+
+
+def _takes_statistics(estimator: Estimator) -> bool:
+    """Whether batches change statistics of the network: threads that share it would do so in any order."""
+    has_any = any(isinstance(module, BatchNorm) for module in estimator.modules())
+    return has_any and BatchNorm.takes_statistics(estimator.config.estimator.batch_size)
 
 
 class _Loop:
@@ -205,17 +214,26 @@ def measure(estimator: Estimator, drawn: DrawnStates, critical_states: Sequence[
         estimates.append(estimator.features(seen, proprioception).cpu())
         loss += len(features) * float(estimator.compute_loss(seen, features))
     config = estimator.config.features
-    found, truth = (read_pair(each, config) for each in (torch.cat(estimates), true))
-    distance_m = (found.offsets_m - truth.offsets_m).norm(dim=-1)
-    angle_rad = torch.acos((found.axes * truth.axes).sum(dim=-1).clamp(-1, 1))
+    estimated = torch.cat(estimates)
     error_mm, error_deg = {}, {}
     for index, (name, state) in enumerate(critical_states):
         close = torch.from_numpy(drawn.critical_states == index)
         if close.any():
+            place = _pair_of(state, estimator.spec) if config.pairs == "all" else 0
+            found, truth = (read_pair(each[close], config, place) for each in (estimated, true))
+            distance_m = (found.offsets_m - truth.offsets_m).norm(dim=-1)
+            angle_rad = torch.acos((found.axes * truth.axes).sum(dim=-1).clamp(-1, 1))
             what = _IN_TARGET if isinstance(state, Insertion) else _BASE if state.part == 0 else _PART
-            error_mm[name] = 1000 * float(distance_m[close, what].mean())
-            error_deg[name] = float(angle_rad[close, what].rad2deg().mean())
+            error_mm[name] = 1000 * float(distance_m[:, what].mean())
+            error_deg[name] = float(angle_rad[:, what].rad2deg().mean())
     return Errors(loss / max(len(drawn), 1), error_mm, error_deg)
+
+
+def _pair_of(state: CriticalState, spec: FeatureSpec) -> int:
+    """Which pair a critical state is of; the base, which is the first part of pairs alone, is seen with the first."""
+    if isinstance(state, Insertion):
+        return state.pair
+    return next((number for number, pair in enumerate(spec.pairs) if pair.second == state.part), 0)
 
 
 def _true_features(estimator: Estimator, drawn: DrawnStates) -> Tensor:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -17,9 +20,11 @@ from juicer.estimation.learning import (
     measure,
 )
 from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
+from juicer.policy.backbones.resnet.config import ResNetConfig
 from juicer.policy.config import FeatureSpec, PairSpec
 from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
 from juicer.policy.encoders.estimated.estimator import build_estimator
+from juicer.policy.encoders.features.config import FeaturesConfig
 from juicer.policy.encoders.features.features import state_features
 from juicer.policy.feature_spec import feature_spec
 from juicer.sim.env import AssemblyEnv
@@ -112,6 +117,47 @@ def test_a_true_estimate_has_no_error():
     shown = drawn_states(32)
     errors = measure(Knowing(build_estimator(configuration(), "toy", spec(), seed=0), shown), shown, CRITICAL_STATES)
     assert set(errors.error_mm.values()) == {0}
+
+
+@pytest.mark.parametrize("pairs", ["next", "all"])
+def test_the_error_at_a_critical_state_is_that_of_its_own_pair(pairs):
+    """Estimates are true but for the pair that comes last, whose target is elsewhere than that of the others."""
+    first = PairSpec(first=0, second=1, target=(0.0, 0.05, 0.0, 1.0, 0.0, 0.0, 0.0))
+    last = PairSpec(first=0, second=2, target=(0.0, 0.05, 0.0, 1.0, 0.0, 0.0, 0.0))
+    both = FeatureSpec(num_parts=3, pairs=(first, last), mounted_m=0.005, mounted_cosine=0.94)
+    config = configuration().model_copy(update={"features": FeaturesConfig(pairs=pairs)})
+    shown = drawn_states(32)
+    poses = np.concatenate([shown.observations["part_poses"], shown.observations["part_poses"][:, 7:]], axis=1)
+    drawn = replace(
+        shown,
+        observations={**shown.observations, "part_poses": poses},
+        critical_states=np.arange(32).astype(shown.critical_states.dtype) % 2,
+    )
+    estimator = build_estimator(config, "toy", both, seed=0)
+    wrong = {name: torch.from_numpy(values.copy()) for name, values in drawn.observations.items()}
+    wrong["part_poses"][:, 14] += 0.02
+    estimator.features = lambda seen, proprioception: state_features(wrong, both, config.features)
+    states = (("insert first", Insertion(0)), ("insert last", Insertion(1)))
+    errors = measure(estimator, drawn, states).error_mm
+    if pairs == "all":
+        assert errors == {"insert first": pytest.approx(0, abs=0.01), "insert last": pytest.approx(20, abs=0.1)}
+    else:
+        assert errors["insert first"] == pytest.approx(0, abs=0.01)
+
+
+@pytest.mark.parametrize(("backbone", "threads"), [(PatchCNNConfig(), 2), (ResNetConfig(norm="batch"), 1)])
+def test_threads_share_no_batch_whose_statistics_they_would_change_in_any_order(backbone, threads, monkeypatch):
+    pools = []
+
+    class Counted(ThreadPoolExecutor):
+        def __init__(self, max_workers):
+            pools.append(max_workers)
+            super().__init__(max_workers)
+
+    monkeypatch.setattr("juicer.estimation.learning.ThreadPoolExecutor", Counted)
+    estimator = configuration(steps=1, batch_size=64, threads=2).estimator.model_copy(update={"backbone": backbone})
+    learned(EstimatedConfig(estimator=estimator))
+    assert pools == [threads]
 
 
 def test_a_killed_training_goes_on_to_the_same_weights(tmp_path, monkeypatch):

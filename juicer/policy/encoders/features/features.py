@@ -23,6 +23,8 @@ from juicer.policy.tasks import size_of_part_poses
 
 _SATURATED = 0.85
 """From where on a coarser copy tells more."""
+_PLAIN_NUMBERS, _FINE_NUMBERS, _ROTATION_NUMBERS = 48, 12, 8
+"""Of a pair: five poses and a way; a finer copy of its offsets, for each scale; finer axes and the twist."""
 
 
 class _BatchedPose(NamedTuple):
@@ -81,7 +83,7 @@ def num_choices(spec: FeatureSpec, config: FeaturesConfig) -> int:
 
 
 class SeenPair(NamedTuple):
-    """What features tell of the pair that is shown first.
+    """What features tell of a pair.
 
     Attributes:
         offsets_m: Where the first part is as seen from the gripper, the second from there, and the second from its
@@ -93,14 +95,21 @@ class SeenPair(NamedTuple):
     axes: Tensor
 
 
-def read_pair(features: Tensor, config: FeaturesConfig) -> SeenPair:
-    """Read features ``(..., F)`` back, each coordinate of an offset from its finest copy that does not saturate."""
-    numbers, shape = features[..., PROPRIOCEPTION_SIZE:], features.shape[:-1]
+def read_pair(features: Tensor, config: FeaturesConfig, place: int = 0) -> SeenPair:
+    """Read features ``(..., F)`` back, each coordinate of an offset from its finest copy that does not saturate.
+
+    Args:
+        features: See :func:`state_features`.
+        config: Which features they are.
+        place: Of the pair among those that are shown.
+    """
+    size = _PLAIN_NUMBERS + _FINE_NUMBERS * len(config.fine_scales_m) + _ROTATION_NUMBERS
+    numbers, shape = features[..., PROPRIOCEPTION_SIZE + place * size :], features.shape[:-1]
     # Of five poses, the last three; each is an offset and a rotation.
     poses = numbers[..., 18:45].reshape(*shape, 3, 9)
     offsets = poses[..., :3]
     for number, scale_m in sorted(enumerate(config.fine_scales_m), key=lambda each: -each[1]):
-        start = 48 + 12 * number
+        start = _PLAIN_NUMBERS + _FINE_NUMBERS * number
         copy = numbers[..., start : start + 9].reshape(*shape, 3, 3).clamp(-_SATURATED, _SATURATED)
         is_told = offsets.abs() < scale_m * math.atanh(_SATURATED)
         offsets = torch.where(is_told, copy.atanh() * scale_m, offsets)
