@@ -43,6 +43,24 @@ def unavailable(error: Exception) -> RenderingUnavailable:
     )
 
 
+def current_context(width: int, height: int) -> Any:
+    """A new OpenGL context, current in this thread.
+
+    Raises:
+        RenderingUnavailable: If no OpenGL platform can draw.
+    """
+    try:
+        context = gl_context_class()(width, height)
+    except Exception as error:
+        raise unavailable(error) from None
+    try:
+        context.make_current()
+    except Exception as error:
+        context.free()
+        raise unavailable(error) from None
+    return context
+
+
 @cache
 def gl_name() -> str:
     """What draws images in this process, in the words of its OpenGL platform; the same scene differs with it.
@@ -50,14 +68,12 @@ def gl_name() -> str:
     Raises:
         RenderingUnavailable: If no OpenGL platform can draw.
     """
+    context = current_context(1, 1)
     try:
-        context = gl_context_class()(1, 1)
-        context.make_current()
-    except Exception as error:
-        raise unavailable(error) from None
-    # Which of the platforms it speaks to, this library reads when it is imported.
-    gl = import_module("OpenGL.GL")
-    # The renderer alone is the same for two versions of Mesa.
-    names = [gl.glGetString(each).decode(errors="replace") for each in (gl.GL_RENDERER, gl.GL_VERSION)]
-    context.free()
-    return printable(", ".join(names))
+        # Which of the platforms it speaks to, this library reads when it is imported.
+        gl = import_module("OpenGL.GL")
+        # The renderer alone is the same for two versions of Mesa.
+        names = [gl.glGetString(each) or b"nameless" for each in (gl.GL_RENDERER, gl.GL_VERSION)]
+    finally:
+        context.free()
+    return printable(", ".join(name.decode(errors="replace") for name in names))

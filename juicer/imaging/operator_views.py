@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from juicer.imaging.cameras import Frustum
-from juicer.imaging.gl import gl_context_class, unavailable
+from juicer.imaging.gl import current_context, unavailable
 from juicer.imaging.look import Look
 from juicer.imaging.visual_model import visual_spec
 from juicer.sim.panda import END_EFFECTOR_SITE
@@ -68,11 +68,11 @@ class OperatorRenderer:
         """
         self._model = _model(task_name)
         self._data = mujoco.MjData(self._model)
+        self._platform = current_context(MAX_WIDTH, MAX_HEIGHT)
         try:
-            self._platform = gl_context_class()(MAX_WIDTH, MAX_HEIGHT)
-            self._platform.make_current()
             self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_50)
         except Exception as error:
+            self._platform.free()
             raise unavailable(error) from None
         self._scene = mujoco.MjvScene(self._model, maxgeom=self._model.ngeom + self._model.nsite + 2)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False

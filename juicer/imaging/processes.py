@@ -64,14 +64,14 @@ class DrawingProcesses:
         if multiprocessing.current_process().daemon:
             self._own, self.drawn_by = ViewRenderer(task), [gl_name()]
             return
-        for _ in range(workers):
-            link, their_end = spawning.Pipe()
-            process = spawning.Process(target=_work, args=(their_end, task, views), name="drawing", daemon=True)
-            process.start()
-            their_end.close()
-            self._links.append(link)
-            self._processes.append(process)
         try:
+            for _ in range(workers):
+                link, their_end = spawning.Pipe()
+                self._links.append(link)
+                process = spawning.Process(target=_work, args=(their_end, task, views), name="drawing", daemon=True)
+                process.start()
+                their_end.close()
+                self._processes.append(process)
             self.drawn_by = sorted({_received(link) for link in self._links})
         except BaseException:
             self.close()
@@ -126,7 +126,9 @@ def _send(link: Connection, scenes: Scenes) -> None:
     try:
         link.send(scenes)
     except OSError:
-        raise _ended() from None
+        # It has ended, and behind what it had drawn it may have said why.
+        while True:
+            _received(link)
 
 
 def _received(link: Connection) -> Any:

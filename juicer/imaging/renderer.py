@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from juicer.errors import ConfigError, RenderingUnavailable, did_you_mean
 from juicer.imaging.appearance import alter
 from juicer.imaging.cameras import Frustum
-from juicer.imaging.gl import gl_context_class, unavailable
+from juicer.imaging.gl import current_context, unavailable
 from juicer.imaging.look import Look
 from juicer.imaging.panda_mesh import has_panda_mesh
 from juicer.imaging.visual_model import visual_model
@@ -231,7 +231,7 @@ class _Canvases:
         return not self._canvases
 
     def draw(self, drawing: _Drawing) -> Image:
-        self._context = self._context or _opened()
+        self._context = self._context or current_context(MAX_WIDTH, MAX_HEIGHT)
         key = (drawing.task_name, drawing.look)
         if key not in self._canvases:
             self._canvases[key] = _made(*key)
@@ -314,16 +314,6 @@ def _mean(image: Image, supersampling: int) -> Image:
     area = supersampling**2
     mean: Image = ((sums + area // 2) // area).astype(np.uint8)
     return mean
-
-
-def _opened() -> Any:
-    """An OpenGL context, current in this thread."""
-    try:
-        context = gl_context_class()(MAX_WIDTH, MAX_HEIGHT)
-        context.make_current()
-    except Exception as error:
-        raise unavailable(error) from None
-    return context
 
 
 def _made(task_name: str, look: Look) -> _Canvas:

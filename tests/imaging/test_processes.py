@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from juicer.errors import ConfigError, RenderingUnavailable
+from juicer.errors import ConfigError, InvalidEpisode, RenderingUnavailable
 from juicer.imaging.processes import DrawingProcesses, Scenes
 from juicer.sim.env import AssemblyEnv
 from juicer.views import View
@@ -72,6 +72,19 @@ def test_what_fails_in_a_process_is_raised_here(scenes):
         DrawingProcesses("two_legs", [VIEW], 1) as processes,
     ):
         list(processes.draw([scenes]))
+
+
+def test_what_failed_is_told_also_if_batches_are_slow(scenes):
+    gaze = View(camera="front", crop={"kind": "gaze"}, width=16, height=16)
+    nowhere = Scenes(scenes.positions, np.full_like(scenes.end_effector, np.nan))
+
+    def slow():
+        for _ in range(3):
+            yield nowhere
+            time.sleep(0.5)
+
+    with DrawingProcesses("one_leg", [gaze], 1) as processes, pytest.raises(InvalidEpisode):
+        list(processes.draw(slow()))
 
 
 def test_mujoco_writes_no_log_of_its_warnings_where_images_are_drawn(tmp_path):
