@@ -51,6 +51,8 @@ def estimate(context: StageContext, *, episodes: ArtifactRef, annotations: Artif
     rows = read_annotations(context.store.open(annotations, "annotations"))
     recorded = Recorded(reader, rows, estimator.validation_fraction, seed)
     task = get_task(reader.records[0].task)
+    untaught = build_estimator(config.encoder, task.name, feature_spec(task.name), seed)
+    load_pretrained(untaught, context.machine.weights)
     learned_from = recorded.to_learn_from(estimator.states, estimator.near_critical)
     drawn = draw_states(
         reader,
@@ -65,8 +67,6 @@ def estimate(context: StageContext, *, episodes: ArtifactRef, annotations: Artif
         progress=context.progress,
     )
     curves = CurveWriter(scratch, context.metrics)
-    untaught = build_estimator(config.encoder, task.name, feature_spec(task.name), seed)
-    load_pretrained(untaught, context.machine.weights)
     learned = learn(
         untaught,
         drawn["learned"],

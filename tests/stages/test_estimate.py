@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import save
 
 from benchmarks import image_control
 from juicer.annotation.propose import AnnotationConfig
@@ -14,9 +17,10 @@ from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
 from juicer.demonstration.ingestion import IngestionConfig
 from juicer.demonstration.log import write_log
-from juicer.errors import ArtifactError, ConfigError, NothingLeft
+from juicer.errors import ArtifactError, ConfigError, NothingLeft, UnusableWeights
 from juicer.imaging import recorded
 from juicer.policy.backbones.patch_cnn.config import PatchCNNConfig
+from juicer.policy.backbones.resnet.config import ResNetConfig
 from juicer.policy.checkpoint import load_policy
 from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
 from juicer.policy.encoders.estimated.files import load_estimator
@@ -100,6 +104,21 @@ def test_it_tells_its_error_at_every_critical_state(session, estimator):
     assert facts["device"] == "cpu"
     assert facts["precision"] in ("fp32", "bf16")
     assert re.fullmatch(r"70 states; off by [0-9.]+ mm at insert leg", facts["headline"])
+
+
+def test_weights_of_another_network_are_refused_before_anything_is_drawn(
+    session, demonstrations, tmp_path, monkeypatch
+):
+    content = save({"conv1.weight": torch.zeros(3)})
+    (tmp_path / "mine.safetensors").write_bytes(content)
+    weights = {"file": "mine.safetensors", "sha256": hashlib.sha256(content).hexdigest(), "licence": "MIT"}
+    backbone = ResNetConfig.model_validate({"weights": weights})
+    wrong = ENCODER.model_copy(update={"estimator": ENCODER.estimator.model_copy(update={"backbone": backbone})})
+    here = replace(session, machine=replace(session.machine, weights=tmp_path))
+    annotations = annotate(session, episodes=demonstrations, config=AnnotationConfig())
+    monkeypatch.setattr("juicer.estimation.drawing.draw_states", None)
+    with pytest.raises(UnusableWeights, match="holds the weights of another network"):
+        estimate(here, episodes=demonstrations, annotations=annotations, config=EstimateConfig(encoder=wrong))
 
 
 def test_an_estimator_is_a_loadable_product_of_its_own(session, estimator):

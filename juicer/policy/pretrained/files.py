@@ -47,13 +47,15 @@ def read_weights_file(weights: Weights, folder: Path) -> bytes:
     Raises:
         UnusableWeights: If it is nowhere, cannot be read, or is another one than meant.
     """
-    present = [place for place in places(weights.file, folder) if place.exists()]
-    others = []
-    for place in present:
+    others, unreadable = [], []
+    for place in places(weights.file, folder):
         try:
             content = read_bounded(place, MOST_BYTES)
+        except (FileNotFoundError, NotADirectoryError):
+            continue
         except OSError as error:
-            raise UnusableWeights(f"the weights '{place}' cannot be read: {error.strerror or error}") from None
+            unreadable.append(f"the weights '{place}' cannot be read: {error.strerror or error}")
+            continue
         digest = hashlib.sha256(content).hexdigest()
         if digest == weights.sha256:
             return content
@@ -62,6 +64,8 @@ def read_weights_file(weights: Weights, folder: Path) -> bytes:
         raise UnusableWeights(
             f"{' and '.join(others)}, but {weights.sha256} is meant; {remedy(weights.file, folder)}, or correct sha256"
         )
+    if unreadable:
+        raise UnusableWeights("; ".join(unreadable))
     raise UnusableWeights(f"the weights '{weights.file}' are not on this machine; {remedy(weights.file, folder)}")
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
-from safetensors import SafetensorError
 from safetensors.torch import load as load_safetensors
 from torch import Tensor, nn
 
@@ -27,6 +26,8 @@ WRAPPERS = ("r3m", "vip", "model", "state_dict")
 PREFIXES = ("module.", "convnet.")
 """What the names of weights begin with that were saved as a part of something."""
 SAFETENSORS = ".safetensors"
+_OF_TORCH = (b"PK", b"\x80")
+"""What files of torch begin with: archives, or pickles as it wrote them long ago."""
 _LENGTH_BYTES = 8
 """Length of a safetensors file's header, in front of it."""
 
@@ -91,8 +92,11 @@ def read_tensors(weights: Weights, content: bytes) -> dict[str, Tensor]:
 
 
 def _unpacked(content: bytes, file: str) -> Mapping[str, Any]:
+    is_safe = file.endswith(SAFETENSORS)
+    if not is_safe and not content.startswith(_OF_TORCH):
+        raise UnusableWeights(f"'{file}' cannot be read as weights: it is not a file that torch wrote")
     try:
-        if file.endswith(SAFETENSORS):
+        if is_safe:
             return load_safetensors(content)
         found = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
     except pickle.UnpicklingError:
@@ -101,7 +105,8 @@ def _unpacked(content: bytes, file: str) -> Mapping[str, Any]:
             "you trust it, convert it in a process of its own: load it with torch, save the tensors with "
             "safetensors.torch.save_file, and name that file and its SHA-256"
         ) from None
-    except (SafetensorError, RuntimeError, ValueError, EOFError, KeyError, AttributeError, TypeError) as error:
+    # Of what is damaged, the readers fail in every way there is.
+    except Exception as error:
         raise UnusableWeights(f"'{file}' cannot be read as weights: {printable(error)}") from None
     if not isinstance(found, Mapping):
         raise UnusableWeights(f"'{file}' holds something else than tensors by name")

@@ -64,6 +64,24 @@ def test_a_file_is_found_in_an_installed_package_which_is_not_imported(tmp_path,
     ]
 
 
+def test_a_folder_that_may_not_be_entered_ends_no_search(store, folder, monkeypatch):
+    cached = Path.home() / ".cache/torch/hub/checkpoints/resnet18-f37072fd.pth"
+    weights = store(b"the right one", "resnet18-f37072fd.pth")
+    cached.parent.mkdir(parents=True)
+    (folder / weights.file).rename(cached)
+
+    def guarded(path, most_bytes):
+        if path.parent == folder:
+            raise PermissionError(13, "Permission denied", str(path))
+        return path.read_bytes()
+
+    monkeypatch.setattr(files, "read_bounded", guarded)
+    assert read_weights_file(weights, folder) == b"the right one"
+    cached.unlink()
+    with pytest.raises(UnusableWeights, match=r"resnet18-f37072fd\.pth' cannot be read: Permission denied"):
+        read_weights_file(weights, folder)
+
+
 @pytest.mark.parametrize("make", [os.mkfifo, os.mkdir], ids=["pipe", "folder"])
 def test_what_is_no_plain_file_is_refused(make, folder):
     folder.mkdir()

@@ -69,6 +69,13 @@ def test_group_normalisation_can_keep_scale_and_bias_of_the_file(store, folder):
     assert all(torch.equal(value, state[name]) for name, value in loaded.items())
 
 
+def test_group_normalisation_keeps_scales_and_biases_that_were_learned_with_it(store, folder):
+    learned = build_backbone(ResNetConfig(), (64, 64)).state_dict()
+    state = fixed_weights({name: value.shape for name, value in learned.items()})
+    _, loaded = filled(ResNetConfig(), store(state), folder)
+    assert all(torch.equal(value, state[name]) for name, value in loaded.items())
+
+
 def test_spatial_softmax_learns_its_maps_from_scratch(store, folder):
     before, loaded = filled(ResNetConfig(pool="spatial_softmax"), store(torchvision_state()), folder)
     assert torch.equal(loaded["pool.maps.weight"], before["pool.maps.weight"])
@@ -166,6 +173,10 @@ def _bad_zip():
     [
         (b"", "mine.pth"),
         (b"\x00" * 100, "mine.pth"),
+        (b"<!DOCTYPE html><html>not found</html>", "mine.pth"),
+        (b"version https://git-lfs.github.com/spec/v1", "mine.pth"),
+        (b"\x80\x02" + b"\x85" * 50, "mine.pth"),
+        (b"\x80\x02K\x01.", "mine.pth"),
         (b"PK\x03\x04" + b"x" * 50, "mine.pth"),
         (_bad_zip(), "mine.pth"),
         (b"\xff" * 100, "mine.safetensors"),
@@ -180,6 +191,22 @@ def _bad_zip():
 def test_what_holds_no_weights_is_refused_in_a_sentence(content, name, store, folder):
     with pytest.raises(UnusableWeights, match=f"'{name}' (cannot be read as weights|holds something else|is a pickle)"):
         filled(ResNetConfig(), store(content, name), folder)
+
+
+def test_a_web_page_saved_as_weights_is_not_taken_for_a_pickle(store, folder):
+    with pytest.raises(UnusableWeights, match=r"cannot be read as weights: it is not a file that torch wrote"):
+        filled(ResNetConfig(), store(b"<!DOCTYPE html>"), folder)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_damaged_file_of_long_ago_is_refused_whatever_is_damaged(store, folder):
+    buffer = io.BytesIO()
+    torch.save({"conv1.weight": torch.zeros(4)}, buffer, _use_new_zipfile_serialization=False)
+    content = buffer.getvalue()
+    for place in range(2, len(content), 3):
+        damaged = content[:place] + bytes([content[place] ^ 0x5A]) + content[place + 1 :]
+        with pytest.raises(UnusableWeights):
+            filled(ResNetConfig(), store(damaged), folder)
 
 
 def test_a_licence_that_allows_no_commercial_use_is_said_once(store, folder, caplog):

@@ -96,12 +96,14 @@ class ResNet(Backbone):
     def adapted(self, weights: Mapping[str, Tensor]) -> dict[str, Tensor]:
         """State of this network by a file of torchvision, timm, R3M or VIP.
 
-        The classifier is left out, and so is what group normalisation does not have, or does not take over; it keeps
-        its own, as the spatial softmax does where the file has none.
+        The classifier is left out, and so is what group normalisation does not have, or does not take over from batch
+        normalisation; it keeps its own, as the spatial softmax does where the file has none.
         """
         own = self.state_dict()
         state = {name: value for name, value in weights.items() if not self._is_foreign(name)}
-        kept = {} if self.keeps_affine else {name: own[name] for name in own if _is_normalisation(name)}
+        is_of_batches = any(name.endswith(_STATISTICS) for name in weights)
+        keeps_own = is_of_batches and not self.keeps_affine
+        kept = {name: own[name] for name in own if keeps_own and _is_normalisation(name)}
         scratch = {name: own[name] for name in own if name.startswith("pool.")}
         return {**scratch, **state, **kept}
 
