@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from statistics import fmean
+from statistics import fmean, stdev
 
 import numpy as np
 
@@ -40,9 +40,11 @@ def anytime_interval(successes: int, trials: int, level: float = 0.95) -> Interv
     less than ``1 / (1 - level)`` times that under the rate, a ratio which is a test martingale (Ville 1939; Robbins
     1970; Howard, Ramdas, McAuliffe and Sekhon 2021, "Time-uniform, nonparametric, nonasymptotic confidence sequences").
 
-    Episodes of several models, as many of each, may be pooled, and the interval is that of their average rate. One
-    episode of each multiplies the ratio by factors that are linear in the models' rates and are 1 at their average, so
-    the product of their expectations is at most 1 (a geometric mean is at most the arithmetic one).
+    Episodes of several models, as many of each, may be pooled, and the interval is that of their average rate, if
+    outcomes of two models from one initial state are independent given their rates: one episode of each multiplies the
+    ratio by factors that are linear in the models' rates and are 1 at their average, so the product of their
+    expectations is at most 1 (a geometric mean is at most the arithmetic one). If they are not, as where some states
+    are hard for all, it covers less: 92 % at a correlation of 0.19 of five models, 82 % at 0.33.
 
     Raises:
         ValueError: If there are no trials, or more successes than trials.
@@ -74,8 +76,10 @@ def hierarchical_interval(
 ) -> Interval:
     """Interval of the average rate of a condition: over its trained models, and over episodes of each.
 
-    A bootstrap that draws models, then episodes of each drawn model. It is never narrower than the
-    interval of the pooled episodes, which also covers what no bootstrap sees: one model, or rates of 0 or 1.
+    A bootstrap that draws models, then episodes of each drawn model, and Student's interval of the models' rates: of a
+    few models, a bootstrap alone covers the rate of a recipe too rarely (of two, four times in five). It is never
+    narrower than the interval of the pooled episodes, which also covers what neither sees: one model, or rates of 0 or
+    1. Of one model it is the interval of its episodes, and tells nothing of other trainings.
 
     Args:
         successes: Successes of each model.
@@ -93,7 +97,16 @@ def hierarchical_interval(
     models = rng.integers(len(rates), size=(draws, len(rates)))
     averages = np.mean(rng.binomial(counts[models], rates[models]) / counts[models], axis=1)
     low, high = np.quantile(averages, [0.5 - level / 2, 0.5 + level / 2])
-    return (min(float(low), pooled[0]), max(float(high), pooled[1]))
+    least, most = student_interval(rates.tolist(), level)
+    return (max(0.0, min(float(low), pooled[0], least)), min(1.0, max(float(high), pooled[1], most)))
+
+
+def student_interval(values: Sequence[float], level: float = 0.95) -> Interval:
+    """Student's interval of the mean that two values or more were drawn around."""
+    from scipy.stats import t  # takes half a second to import
+
+    mean, half = fmean(values), float(t.ppf(0.5 + level / 2, len(values) - 1)) * stdev(values) / math.sqrt(len(values))
+    return mean - half, mean + half
 
 
 @dataclass(frozen=True)

@@ -79,13 +79,12 @@ class Sources:
 
     def facts(self) -> dict[str, str]:
         """Size of the demonstrations."""
-        sizes = {
-            self._task_of(manifest): f"{manifest.summary['episodes']} ({manifest.summary['steps']} steps)"
-            for manifest in self._of_stage("ingest")
-        }
-        if len(sizes) > 1:
-            sizes = {task: f"{task} {size}" for task, size in sizes.items()}
-        return {"Demonstrations": ", ".join(sizes.values())} if sizes else {}
+        sizes: dict[str, list[str]] = {}
+        for manifest in self._of_stage("ingest"):
+            summary = manifest.summary
+            sizes.setdefault(self.task_of(manifest), []).append(f"{summary['episodes']} ({summary['steps']} steps)")
+        told = [f"{task} {' or '.join(each)}" if len(sizes) > 1 else " or ".join(each) for task, each in sizes.items()]
+        return {"Demonstrations": ", ".join(told)} if told else {}
 
     def origins(self) -> dict[str, str]:
         """With which code and on which machines the models were trained and evaluated."""
@@ -146,7 +145,7 @@ class Sources:
         for manifest in self._of_stage("augment"):
             summary = manifest.summary
             yield AugmentationYield(
-                label=f"{summary['snippets']} corrective episodes of {self._task_of(manifest)}",
+                label=f"{summary['snippets']} corrective episodes of {self.task_of(manifest)}",
                 kept=summary["snippets"],
                 rejected=summary["rejections"],
                 by_critical_state={
@@ -161,7 +160,7 @@ class Sources:
             error_mm, error_deg = manifest.summary["error_mm"], manifest.summary["error_deg"]
             errors = {name: (float(error_mm[name]), float(error_deg[name])) for name in error_mm}
             views = ", ".join(manifest.recipe.config["encoder"]["estimator"]["views"])
-            yield EstimatorErrors(f"{self._task_of(manifest)}: {views} ({manifest.ref.id[:6]})", errors)
+            yield EstimatorErrors(f"{self.task_of(manifest)}: {views} ({manifest.ref.id[:6]})", errors)
 
     def behind(self, refs: Sequence[ArtifactRef]) -> list[Manifest]:
         """Manifests of some of the evaluations and of everything that they were made from, parents first."""
@@ -193,12 +192,12 @@ class Sources:
     def _of_stage(self, name: str) -> list[Manifest]:
         return [manifest for manifest in self._known.values() if manifest and manifest.recipe.stage == name]
 
-    def _task_of(self, data: Manifest) -> str:
+    def task_of(self, data: Manifest) -> str:
         """The task of demonstrations, or of what was grown from them."""
         if data.recipe.stage == "ingest":
             return str(data.recipe.config["task"])
         parent = self._known.get(data.recipe.inputs["episodes"][0])
-        return self._task_of(parent) if parent else "demonstrations that are no longer there"
+        return self.task_of(parent) if parent else "demonstrations that are no longer there"
 
     def _name_of(self, checkpoint: Manifest) -> tuple[str, str]:
         """Which model acts with a checkpoint, or grew out of it, and the group in which its curve is drawn."""

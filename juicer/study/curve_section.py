@@ -68,7 +68,7 @@ def _sentences(study: TaskStudy, curve: Curve, found: Points, fit: Saturation | 
         yield (
             f"The fitted curve tends to {percent(fit.top)} ({interval_text(fit.top_interval)}) and comes within a "
             f"twentieth of it at {rounded(fit.enough)} ({rounded(low)} to {rounded(high)})"
-            + ("." if fit.is_seen else ", which lies outside the points.")
+            + ("." if fit.is_seen else ", which lies beyond the points.")
         )
 
 

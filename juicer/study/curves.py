@@ -115,8 +115,8 @@ class Saturation:
 
     @property
     def is_seen(self) -> bool:
-        """Whether the curve saturates between its points, and not where nothing was measured."""
-        return bool(self.x[0] <= self.enough <= self.x[-1])
+        """Whether the curve saturates by its last point, and not where nothing was measured."""
+        return bool(self.enough <= self.x[-1])
 
 
 def fit_saturation(x: Sequence[float], results: Sequence[ConditionResult]) -> Saturation | None:

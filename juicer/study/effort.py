@@ -14,7 +14,7 @@ from juicer.reporting.section import Section, Table
 from juicer.study.material import Measured, TaskStudy
 
 LABEL_S = 12.0
-"""Human seconds a critical state takes to be labelled: the paper's ten minutes for the fifty of one_leg."""
+"""Human seconds a critical state takes to be labelled on a task that the paper does not have: as on its one_leg."""
 
 MINUTES_OF: Mapping[str, str] = {"ingest": "demonstrations", "annotate": "labels", "correct": "corrections"}
 """What a human spends time on, by the stage that brings it in."""
@@ -35,7 +35,7 @@ def effort_section(studies: Sequence[TaskStudy]) -> Section | None:
         "What it takes of a human",
         "Minutes are those of whoever holds the device: ten control steps a second of every recording and correction, "
         "also of those that failed; what annotating took is measured on juicer's page, and of labels from elsewhere it "
-        f"is {LABEL_S:.0f} s for each critical state, as the paper's annotators needed. "
+        "is what the paper's annotators needed for as many critical states of that task. "
         "Where the operator is scripted and critical states are proposed, no person spent them. Corrections of a round "
         "in which none succeeded are not counted.",
         (
@@ -64,7 +64,7 @@ def _demonstrated(study: TaskStudy) -> Iterator[tuple[str, ...]]:
             str(logs.summary["logs"]) if logs else str(len(each.recipe.files)),
             str(logs.summary["device"]) if logs else "people",
             f"{steps / episodes:.0f}" if episodes else "-",
-            f"{_minutes(each):.1f}",
+            f"{_minutes(each, study):.1f}",
             f"{marked.summary['critical_states'] / episodes:.1f}" if marked and episodes else "-",
             ", ".join(marked.summary["authors"]) if marked else "-",
             *((str(paper.steps), str(paper.collecting_min), str(paper.annotating_min)) if paper else ("-",) * 3),
@@ -81,7 +81,7 @@ def _annotated(studies: Sequence[TaskStudy]) -> Iterator[Table]:
         _measured(study.task, each.summary[PEOPLE])
         for study in studies
         for each in study.behind
-        if each.recipe.stage == "annotate" and each.summary.get(PEOPLE)
+        if each.recipe.stage == "annotate" and each.summary.get(PEOPLE) and study.sources.task_of(each) == study.task
     )
     if rows:
         yield Table(columns, rows, "Annotation, as the page measured it")
@@ -116,28 +116,31 @@ def _by_condition(study: TaskStudy) -> Table:
 
 
 def _row(study: TaskStudy, measured: Measured) -> tuple[str, ...]:
-    models = [_spent(made_of) for made_of in study.behind_models(measured)]
+    models = [_spent(study, made_of) for made_of in study.behind_models(measured)]
     minutes = [fmean(each[name] for each in models) for name in MINUTES_OF]
     together = sum(minutes)
     a_minute = f"{100 * measured.result.average / together:.1f}" if together else "-"
     return measured.result.title, *(f"{each:.1f}" for each in (*minutes, together)), a_minute
 
 
-def _spent(made_of: Iterable[Manifest]) -> dict[str, float]:
+def _spent(study: TaskStudy, made_of: Iterable[Manifest]) -> dict[str, float]:
+    """Minutes by stage, of all tasks that a model was taught."""
     spent = dict.fromkeys(MINUTES_OF, 0.0)
     for manifest in made_of:
         if manifest.recipe.stage in spent:
-            spent[manifest.recipe.stage] += _minutes(manifest)
+            spent[manifest.recipe.stage] += _minutes(manifest, study)
     return spent
 
 
-def _minutes(manifest: Manifest) -> float:
+def _minutes(manifest: Manifest, study: TaskStudy) -> float:
     """Minutes of a human in what an artifact brings in."""
     summary = manifest.summary
     if PEOPLE in summary:
         return float(summary[PEOPLE]["minutes"])
     if manifest.recipe.stage == "annotate":
-        return LABEL_S * int(summary["critical_states"]) / 60
+        paper = PAPER_TABLE_IV.get(study.sources.task_of(manifest))
+        each_s = 60 * paper.annotating_min / (50 * paper.critical_states) if paper else LABEL_S
+        return each_s * int(summary["critical_states"]) / 60
     if manifest.recipe.stage == "correct":
         return minutes_of(summary["human_steps"])
     # Demonstrations of an earlier juicer do not tell how long rejected recordings were.

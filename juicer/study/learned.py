@@ -25,7 +25,8 @@ def learned_section(studies: Sequence[TaskStudy]) -> Section | None:
         "What each policy learned from",
         f"As in the paper's Table V: {sources}, means over the models of a condition. Windows are the samples that "
         "training cut out of them. Unused are steps at which none begins: the ends of episodes, and "
-        "episodes shorter than a window.",
+        "episodes shorter than a window. A dataset's weights, e.g. synthetic_share, say how often each is seen; these "
+        "numbers are without them.",
         tables,
     )
 
@@ -47,7 +48,7 @@ def _learned(study: TaskStudy) -> Iterator[Table]:
         "steps",
         "windows",
         "unused steps",
-        "snippets' share of steps",
+        "snippets' share of these steps",
         "paper: episodes",
     )
     if rows:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from juicer.evaluation import ConditionResult
 from juicer.study.curves import Curve, Saturation, fit_saturation
 from juicer.study.material import TaskStudy
-from juicer.study.statistics import against
+from juicer.study.statistics import differences
 
 Points = Sequence[tuple[float, ConditionResult]]
 """Number and result of each condition of a curve, in the order of the numbers."""
@@ -27,14 +27,18 @@ def fit_of(curve: Curve, found: Points) -> Saturation | None:
 
 
 def rivals(study: TaskStudy, found: Points) -> tuple[tuple[float, ConditionResult], Points]:
-    """The best point, and those that are not known to be worse, all tested against it together.
+    """The best point, and those that are not known to be worse.
 
-    What cannot be paired with it, for it starts from other states or has other seeds, is not known to be worse either.
+    All pairs are tested together: which point is the best is told by the same episodes as that it is better. What
+    cannot be paired with it, for it starts from other states or has other seeds, is not known to be worse either.
     """
     x, best = max(found, key=lambda point: point[1].average)
-    paired = [result for _, result in found if result is not best and study.are_paired(result, best)]
-    tested = against(best, paired)
-    worse = {each.second.condition for each in tested if each.is_clear and each.test.difference < 0}
+    worse = set()
+    for each in differences([result for _, result in found if study.are_paired(result, best)]):
+        if each.is_clear and each.first is best and each.test.difference < 0:
+            worse.add(each.second.condition)
+        if each.is_clear and each.second is best and each.test.difference > 0:
+            worse.add(each.first.condition)
     others = [point for point in found if point[1] is not best and point[1].condition not in worse]
     return (x, best), others
 

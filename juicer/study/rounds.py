@@ -13,10 +13,8 @@ from juicer.seeding import stream
 from juicer.study.material import Measured, TaskStudy
 from juicer.study.success import interval_text, percent
 
-Start = tuple[str, int]
-"""A task, and the first of the initial states that a round collects from: a later round's come later."""
-Tried = dict[Start, tuple[int, int]]
-"""Successes and episodes of a model's rollouts."""
+Tried = list[tuple[int, int]]
+"""Successes and episodes of the rollouts of a model's rounds, all of its tasks together."""
 
 
 def rounds_section(studies: Sequence[TaskStudy]) -> Section | None:
@@ -29,8 +27,9 @@ def rounds_section(studies: Sequence[TaskStudy]) -> Section | None:
         "Rounds",
         "How good the models of every round were",
         "A round's rate is that of the model that collects in it, in its own rollouts, whose initial states are new to "
-        "it. A model from whose rollouts of a round nothing was learned, for instance as none succeeded, is missing "
-        "there: the rate is that of the others, whose number is told, and probably higher than that of all.",
+        "it. A model of which nothing was learned in a round, for instance as no rollout succeeded, goes no further, "
+        "and is missing from there on: the rate is that of the others, whose number is told, and probably higher than "
+        "that of all.",
         tables,
     )
 
@@ -53,28 +52,26 @@ def _table(study: TaskStudy) -> Table:
 def _rounds_of(study: TaskStudy, measured: Measured) -> list[str]:
     """Average rate of each round in which some model collected, with its interval."""
     models = [_tried(made_of) for made_of in study.behind_models(measured)]
-    starts: defaultdict[str, set[int]] = defaultdict(set)
-    for task, first in (start for model in models for start in model):
-        starts[task].add(first)
-    number = max(map(len, starts.values()), default=0)
-    turns = [{(task, sorted(all_of)[turn]) for task, all_of in starts.items() if turn < len(all_of)}
-             for turn in range(number)]  # fmt: skip
-    return [_rate(turn, models) for turn in turns]
+    number = max(map(len, models), default=0)
+    return [_rate([model[turn] for model in models if turn < len(model)], len(models)) for turn in range(number)]
 
 
 def _tried(made_of: Iterable[Manifest]) -> Tried:
-    return {
-        (each.recipe.config["task"], each.recipe.config["first"]): (each.summary["successes"], each.summary["episodes"])
-        for each in made_of
-        if each.recipe.stage == "collect"
-    }
+    """What a model's rounds brought, in their order: a later one begins with later initial states."""
+    by_task: defaultdict[str, dict[int, tuple[int, int]]] = defaultdict(dict)
+    for each in made_of:
+        if each.recipe.stage == "collect":
+            config, summary = each.recipe.config, each.summary
+            by_task[config["task"]][config["first"]] = (summary["successes"], summary["episodes"])
+    ordered = [[rounds[first] for first in sorted(rounds)] for rounds in by_task.values()]
+    number = max(map(len, ordered), default=0)
+    turns = ([rounds[turn] for rounds in ordered if turn < len(rounds)] for turn in range(number))
+    return [(sum(won for won, _ in turn), sum(tried for _, tried in turn)) for turn in turns]
 
 
-def _rate(turn: set[Start], models: Sequence[Tried]) -> str:
-    """Of the models that are known to have collected in a round, of all tasks together."""
-    found = [[model[start] for start in turn if start in model] for model in models]
-    summed = [tuple(map(sum, zip(*each, strict=True))) for each in found if each]
-    successes, episodes = zip(*summed, strict=True)
+def _rate(turn: Tried, num_models: int) -> str:
+    """Of the models that are known to have collected in a round."""
+    successes, episodes = zip(*turn, strict=True)
     interval = hierarchical_interval(successes, episodes, stream(0, "hierarchical interval"))
-    told = f"{percent(fmean(won / tried for won, tried in summed))} ({interval_text(interval)})"
-    return told if len(summed) == len(models) else f"{told}, {len(summed)} of {len(models)} models"
+    told = f"{percent(fmean(won / tried for won, tried in turn))} ({interval_text(interval)})"
+    return told if len(turn) == num_models else f"{told}, {len(turn)} of {num_models} models"

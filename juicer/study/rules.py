@@ -12,6 +12,8 @@ from juicer.study.points import curve_points, fit_of, rivals, rounded
 from juicer.study.statistics import LEVEL, Difference, against, models_differ, p_text, points
 from juicer.study.success import interval_text, percent
 
+_ONE_EACH = "one model of each, where two at least must tell how far trainings differ"
+
 
 class Ruling(StrEnum):
     """What becomes of a statement."""
@@ -58,7 +60,8 @@ class Better:
             return Verdict(Ruling.UNTESTED, missing)
         first, second = study.measured[self.than].result, study.measured[self.better].result
         for found in against(first, [second]):
-            return Verdict(_ruling(found), f"{second.title} against {first.title}: {found}")
+            told = f"{second.title} against {first.title}: {found}"
+            return Verdict(_ruling(found), told if found.num_pairs > 1 else f"{told}; {_ONE_EACH}")
         return Verdict(Ruling.UNTESTED, "they have no seed in common")
 
 
@@ -76,12 +79,17 @@ class Best:
         best = study.measured[self.best].result
         others = [study.measured[name].result for name in self.among]
         found = against(best, others)
+        compared = {each.second.condition for each in found}
+        if lacking := [other.title for other in others if other.condition not in compared]:
+            return Verdict(Ruling.UNTESTED, f"{best.title} has no seed in common with {', '.join(lacking)}")
         above = [each.second.title for each in found if each.is_clear and each.test.difference > 0]
         equal = [f"{each.second.title} ({points(-each.test.difference)})" for each in found if not each.is_clear]
         if above:
             return Verdict(Ruling.FAILS, f"{', '.join(above)} succeeds more often")
         if equal:
-            return Verdict(Ruling.OPEN, f"cannot be told apart from {', '.join(equal)}")
+            told = f"cannot be told apart from {', '.join(equal)}"
+            alone = any(each.num_pairs == 1 for each in found)
+            return Verdict(Ruling.OPEN, f"{told}; {_ONE_EACH}" if alone else told)
         return Verdict(Ruling.HOLDS, f"{percent(best.average)}, above each of the {len(found)} others (Holm)")
 
 
@@ -140,7 +148,7 @@ class Saturates:
         low, high = fit.enough_interval
         told = f"95% of a plateau of {percent(fit.top)} at {rounded(fit.enough)} ({rounded(low)} to {rounded(high)})"
         if not fit.is_seen:
-            return Verdict(Ruling.OPEN, f"{told}, which lies outside the points")
+            return Verdict(Ruling.OPEN, f"{told}, which lies beyond the points")
         return Verdict(Ruling.HOLDS if high <= self.by else Ruling.FAILS if low > self.by else Ruling.OPEN, told)
 
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from statistics import NormalDist
 
 import numpy as np
+from numpy.typing import NDArray
 
 from juicer.errors import ConfigError
-from juicer.evaluation import ConditionResult, Interval, PairedComparison, compare
+from juicer.evaluation import ConditionResult, Interval, PairedComparison, compare, student_interval
 from juicer.seeding import stream
 
 LEVEL = 0.05
@@ -42,9 +45,17 @@ class Difference:
 
     @property
     def is_clear(self) -> bool:
-        """Whether the test and the interval both say so: the one speaks of these models, the other of their recipes."""
+        """Whether the test and the interval both say so: the one speaks of these models, the other of their recipes.
+
+        Of one model each nothing is clear: how far trainings of a recipe differ, two of them at least must tell.
+        """
         low, high = self.interval
-        return self.is_significant and not low <= 0 <= high
+        return self.num_pairs > 1 and self.is_significant and not low <= 0 <= high
+
+    @property
+    def num_pairs(self) -> int:
+        """Models of the first whose seed the second has as well."""
+        return len({model.seed for model in self.first.models} & {model.seed for model in self.second.models})
 
     def __str__(self) -> str:
         """E.g. ``+12 points (4 to 20), p = 0.003``."""
@@ -89,8 +100,10 @@ def holm(p_values: Sequence[float]) -> list[float]:
 def difference_interval(first: ConditionResult, second: ConditionResult, level: float = 0.95) -> Interval:
     """Interval of the second's average minus the first's, over the seeds that both have and the episodes of each.
 
-    A bootstrap that draws pairs of models, then pairs of episodes of each. Where one of a pair was evaluated longer,
-    its further episodes are not compared, as in :func:`~juicer.evaluation.compare`.
+    A bootstrap that draws pairs of models, then pairs of episodes of each. It covers Student's interval of the pairs'
+    differences as well, which of a few models is the only one that is wide enough, and an interval of the pooled pairs
+    of episodes that has a width also where all of them ended alike (Agresti and Min 2005). Where one of a pair was
+    evaluated longer, its further episodes are not compared, as in :func:`~juicer.evaluation.compare`.
     """
     seconds = {model.seed: model.successes for model in second.models}
     signs = [
@@ -105,7 +118,19 @@ def difference_interval(first: ConditionResult, second: ConditionResult, level: 
     drawn = rng.multinomial(sizes[models], (counts / sizes[:, None])[models])
     averages = np.mean((drawn[..., 0] - drawn[..., 1]) / sizes[models], axis=1)
     low, high = np.quantile(averages, [0.5 - level / 2, 0.5 + level / 2])
-    return float(low), float(high)
+    intervals = [(float(low), float(high)), _pooled_interval(counts.sum(axis=0), level)]
+    if len(counts) > 1:
+        intervals.append(student_interval(((counts[:, 0] - counts[:, 1]) / sizes).tolist(), level))
+    return max(-1.0, min(each[0] for each in intervals)), min(1.0, max(each[1] for each in intervals))
+
+
+def _pooled_interval(counts: NDArray[np.int64], level: float) -> Interval:
+    """Wald's interval of a difference of paired rates, with half an episode more of every outcome."""
+    gained, lost, equal = counts.tolist()
+    number = gained + lost + equal + 2
+    middle = (gained - lost) / number
+    half = NormalDist().inv_cdf(0.5 + level / 2) * math.sqrt(((gained + lost + 1) / number - middle**2) / number)
+    return middle - half, middle + half
 
 
 def models_differ(result: ConditionResult) -> float:

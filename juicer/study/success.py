@@ -23,10 +23,10 @@ def success_section(studies: Sequence[TaskStudy]) -> Section | None:
         "rates",
         "Success",
         "How often each policy succeeds",
-        "Averages over models, with 95 % intervals over models and episodes; best is the best single model. Every "
-        "model starts from the same initial states, which no training, collection or choice of a model has seen. The "
-        "paper's figures (Tables VI and VII, average and best of five) are of another simulator, from images, with 50 "
-        "demonstrations at low randomness.",
+        "Averages over models, with 95 % intervals over models and episodes, of one model over its episodes alone; "
+        "best is the best single model. Models of the same randomness start from the same initial states, which no "
+        "training or collection has seen. The paper's figures (Tables VI and VII, average and best of five) are of "
+        "another simulator, from images, with 50 demonstrations at low randomness.",
         (*_overview(studies), *tables),
     )
 
@@ -64,9 +64,10 @@ def interval_text(interval: tuple[float, float]) -> str:
 
 
 def _rates(study: TaskStudy) -> Iterator[Table]:
+    drawn = {name for curve in study.curves for name in curve.points}
     for setting, group in study.groups.items():
-        # What stands alone is a point of a curve, and told there.
-        if len(group) > 1 or len(study.groups) == 1:
+        # A point of a curve that stands alone is told there.
+        if len(group) > 1 or group[0].result.condition not in drawn:
             columns = ("condition", "average", "95% interval", "best", "models", "episodes", "paper, average / best")
             rows = tuple(_row(study.task, each) for each in group)
             yield Table(columns, rows, f"{study.task}{under(setting)}", "" if setting else study.base)
@@ -131,7 +132,7 @@ def paired_tests(title: str, results: Sequence[ConditionResult], found: Sequence
         yield Table(
             ("", *(result.title for result in results)),
             tuple((row.title, *(_cell(row, column, cells) for column in results)) for row in results),
-            f"{title}: each row's rate minus each column's, in points",
+            f"{title}: each row's rate minus each column's, in points, over the models and episodes that both have",
             "With a star where p, adjusted, is below 0.05.",
         )
 

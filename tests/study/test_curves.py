@@ -52,14 +52,17 @@ def test_what_always_fails_or_succeeds_in_a_few_episodes_is_not_known_for_certai
 
 
 def test_the_best_point_is_told_with_those_that_may_be_as_good(result, study):
-    found = [(0, result("a", 0.3)), (10, result("b", 0.8)), (20, result("c", 0.76)), (40, result("d", 0.4))]
+    found = [
+        (x, result(name, rate, rate))
+        for x, name, rate in ((0, "a", 0.3), (10, "b", 0.8), (20, "c", 0.76), (40, "d", 0.4))
+    ]
     (x, _), equals = rivals(study(*(each for _, each in found)), found)
     assert x == 10
     assert [other for other, _ in equals] == [20]
 
 
 def test_a_point_that_cannot_be_paired_with_the_best_is_not_called_worse(result, study):
-    found = [(0, result("a", 0.3)), (10, result("b", 0.8)), (20, result("c", 0.3))]
+    found = [(x, result(name, rate, rate)) for x, name, rate in ((0, "a", 0.3), (10, "b", 0.8), (20, "c", 0.3))]
     tried = study(*(each for _, each in found), settings={"c": "randomness med"})
     _, equals = rivals(tried, found)
     assert [other for other, _ in equals] == [20]

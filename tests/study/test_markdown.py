@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from juicer.reporting.section import Chart, Section, Table
+from juicer.study.curves import Curve
 from juicer.study.markdown import write_markdown
 from juicer.study.sections import sections
 from juicer.study.success import differences_section, success_section
@@ -37,7 +38,11 @@ def test_conditions_that_change_alike_are_tested_with_each_other_only(study, res
         settings={"ten_bc": "randomness med", "ten_ta": "randomness med", "alone": "rounds 2"},
     )  # fmt: skip
     rates, tests = sections([tried], (success_section, differences_section))
-    assert [table.title for table in rates.tables] == ["one_leg", "one_leg, randomness med"]
+    titles = ["one_leg", "one_leg, randomness med", "one_leg, rounds 2"]
+    assert [table.title for table in rates.tables] == titles
+    curve = Curve(name="rounds", title="R", axis="r", fit="none", points={"alone": 2})
+    (drawn,) = sections([replace(tried, curves=(curve,))], (success_section,))
+    assert [table.title for table in drawn.tables] == titles[:2], "it is told with the curve"
     assert [[row[0] for row in table.rows] for table in tests.tables] == [["BC → TA"], ["TEN_BC → TEN_TA"]]
     assert tests.tables[0].rows[0][1] == "+40 points"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from flows.loop_config import LoopConfig
 from juicer.study.rounds import rounds_section
 
 
@@ -27,20 +28,22 @@ def collected(made):
     return collect
 
 
-def test_a_model_that_is_missing_in_a_round_is_told_and_its_next_round_stays_the_next(made, collected):
-    collected(0, at_0=10, at_200=20)
-    # It had no success in the first round, so nothing grew out of that.
-    collected(1, at_200=10)
+def test_rounds_of_seeds_that_start_elsewhere_are_the_same_rounds(made, collected):
+    loop = LoopConfig()
+    for seed, won in ((0, (10, 20)), (1, (14, 16)), (2, (12,))):
+        firsts = [loop.collection(seed, turn).first for turn in range(1, len(won) + 1)]
+        collected(seed, **{f"at_{first}": each for first, each in zip(firsts, won, strict=True)})
     section = rounds_section([made.study])
     assert section is not None
     (table,) = section.tables
     assert table.columns == ("condition", "round 1", "round 2", "evaluated")
     ((title, first, second, evaluated),) = table.rows
     assert title == "TA_CI"
-    assert first.startswith("50% (")
-    assert first.endswith("), 1 of 2 models")
-    assert second.startswith("75% (")
-    assert second.endswith(")")
+    assert first.startswith("60% (")
+    assert first.endswith(")")
+    # Nothing was learned from the third's second round.
+    assert second.startswith("90% (")
+    assert second.endswith("), 2 of 3 models")
     assert evaluated == "50%"
 
 

@@ -55,6 +55,22 @@ def test_interval_of_a_difference_covers_models_that_disagree(result):
     assert alike[0] > 0
 
 
+def test_interval_of_a_difference_has_a_width_also_where_all_ended_alike(result):
+    low, high = difference_interval(result("bc", 1.0, episodes=25), result("ta", 1.0, episodes=25))
+    assert low < -0.05
+    assert high > 0.05
+
+
+@pytest.mark.parametrize("models", [2, 3, 5])
+def test_equal_recipes_are_seldom_said_to_differ(result, models):
+    clear = 0
+    for number in range(100):
+        rng = stream(number, "recipes")
+        pair = [result(f"{name}{number}", *np.clip(rng.normal(0.7, 0.08, models), 0, 1)) for name in "ab"]
+        clear += differences(pair)[0].is_clear
+    assert clear <= 9
+
+
 def test_interval_of_a_difference_holds_it_in_nineteen_of_twenty(result):
     covered = []
     for number in range(60):
