@@ -7,6 +7,7 @@ import numpy as np
 from juicer.artifacts.manifest import OBSERVES, STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
+from juicer.errors import NothingLeft
 from juicer.policy.replay import ReplayPolicy
 from juicer.shifts import require_unshifted
 from juicer.storage.episodes import EpisodeReader
@@ -23,6 +24,8 @@ class MemoriseConfig(StrictConfig):
 def memorise(context: StageContext, *, episodes: ArtifactRef, config: MemoriseConfig) -> None:
     """Keep the demonstrations' actions as a policy that plays them open loop."""
     reader = EpisodeReader(context.store.open(episodes, "episodes"))
+    if not len(reader):
+        raise NothingLeft(f"there is nothing to replay: {episodes} holds no episode")
     require_unshifted(reader.records, str(episodes))
     task = get_task(reader.records[0].task)
     starts = reader.episode_ends - reader.lengths

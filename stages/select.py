@@ -11,6 +11,7 @@ from juicer.artifacts.manifest import FINDING
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.episode import Outcome
+from juicer.errors import NothingLeft
 from juicer.shifts import require_unshifted
 from juicer.storage.episodes import EpisodeReader
 from juicer.storage.selections import SelectionRow, write_selection
@@ -47,6 +48,8 @@ def select(context: StageContext, *, episodes: ArtifactRef, config: SelectConfig
     reader = EpisodeReader(context.store.open(episodes, "episodes"))
     require_unshifted(reader.records, str(episodes))
     limit = _longest(reader, config)
+    if not len(reader):
+        raise NothingLeft(f"there is nothing to select from: {episodes} holds no episode")
     rows: list[SelectionRow] = []
     kept = steps = 0
     for record, length in zip(reader.records, reader.lengths, strict=True):

@@ -17,6 +17,11 @@ ASIDE = ".aside"
 ``.aside/<kind>/<id>/<number>/``."""
 
 
+def next_room(names: Iterable[str]) -> int:
+    """Number of the next folder beside those of these names: greater than any, though some may have been removed."""
+    return 1 + max((int(name) for name in names if name.isdecimal()), default=0)
+
+
 class Backend(Protocol):
     """Keeper of committed artifacts; whatever makes, moves or mends one does so under its lock in ``work``.
 

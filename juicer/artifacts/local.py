@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
-from juicer.artifacts.backend import ASIDE, parse_manifest, salvage_manifest
+from juicer.artifacts.backend import ASIDE, next_room, parse_manifest, salvage_manifest
 from juicer.artifacts.contents import written
 from juicer.artifacts.findings import (
     Finding,
@@ -233,7 +233,7 @@ class LocalBackend:
         """A new and empty folder for what must not be deleted."""
         holder = self.root / ASIDE / ref.kind / ref.id
         holder.mkdir(parents=True, exist_ok=True)
-        for number in count(1):
+        for number in count(next_room(path.name for path in holder.iterdir())):
             with suppress(FileExistsError):
                 (holder / str(number)).mkdir()
                 break

@@ -17,7 +17,7 @@ from typing import Any
 
 import fsspec
 
-from juicer.artifacts.backend import ASIDE, read_manifest, salvage_manifest
+from juicer.artifacts.backend import ASIDE, next_room, read_manifest, salvage_manifest
 from juicer.artifacts.findings import (
     Finding,
     Listing,
@@ -181,7 +181,7 @@ class RemoteBackend:
 
     def _room_aside(self, ref: ArtifactRef) -> str:
         """Where nothing was set aside before."""
-        return f"{self._base}/{ASIDE}/{ref}/{len(self._names(f'{self._base}/{ASIDE}/{ref}')) + 1}"
+        return f"{self._base}/{ASIDE}/{ref}/{next_room(self._names(f'{self._base}/{ASIDE}/{ref}'))}"
 
     def _aside_address(self, ref: ArtifactRef, name: str) -> str:
         return f"{self.url.rstrip('/')}/{ASIDE}/{ref}/{name}"

@@ -170,7 +170,9 @@ class Encoders(nn.Module):
         """The same of what they are shown in training."""
         prepared: dict[str, Tensor] = {}
         for name, encoder in self.items():
-            part = encoder.prepare(observations)
+            # Images that lie outside the memory are not touched for an encoder that sees none.
+            shown = [*(spec.name for spec in encoder.training_observations), TASK_KEY]
+            part = encoder.prepare({each: observations[each] for each in shown if each in observations})
             prepared |= {name: part} if isinstance(part, Tensor) else {f"{name}.{key}": part[key] for key in part}
         return prepared if self.embedding is None else {**prepared, TASK_KEY: observations[TASK_KEY]}
 

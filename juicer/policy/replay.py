@@ -19,6 +19,7 @@ from juicer.errors import InvalidCheckpoint, InvalidObservation
 from juicer.geometry import quat_to_matrix, rotation_angle
 from juicer.policy.config import MOST_PARTS
 from juicer.policy.refusals import refusals_as_os_errors
+from juicer.policy.tasks import PART_POSES
 from juicer.policy.tensor_files import opened_tensors
 from juicer.text import printable
 
@@ -78,10 +79,15 @@ class ReplayPolicy:
         Raises:
             InvalidObservation: If they show another number of parts than the demonstrations.
         """
-        given, known = observations["part_poses"].shape[-1] // 7, self._first_poses.shape[1] // 7
+        if PART_POSES not in observations:
+            raise InvalidObservation(f"observations lack '{PART_POSES}', by which a demonstration to replay is chosen")
+        poses = np.asarray(observations[PART_POSES])
+        given, known = poses.shape[-1] // 7, self._first_poses.shape[1] // 7
         if given != known:
             raise InvalidObservation(f"the demonstrations to replay show {known} parts, the observations {given}")
-        return np.stack([self._padded(self._nearest(poses)) for poses in observations["part_poses"][:, -1]])
+        # Of one step, the axis of steps may be left out.
+        last = poses if poses.ndim == 2 else poses[:, -1]
+        return np.stack([self._padded(self._nearest(each)) for each in last])
 
     def _nearest(self, poses: NDArray[Any]) -> int:
         parts = self._parts

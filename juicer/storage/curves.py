@@ -32,6 +32,10 @@ class CurveWriter:
         """Continue the curves in ``scratch``, an existing folder."""
         self._path = scratch / "curves.jsonl"
         self._listener = listener
+        if self._path.exists():
+            # After half a line, which a kill in mid-write leaves, the next one begins anew.
+            with self._path.open("a") as file:
+                file.write("\n")
 
     def log(self, metrics: Mapping[str, float], step: int) -> None:
         """Record metrics at a step."""
@@ -46,7 +50,7 @@ class CurveWriter:
             try:
                 step, metrics = json.loads(line)
             except ValueError:
-                continue  # a kill in mid-write leaves half a line; its step is recorded again
+                continue  # half a line, or none; its step is recorded again
             for name, value in metrics.items():
                 points.setdefault(name, {})[step] = value
         content = {name: sorted(curve.items()) for name, curve in sorted(points.items())}

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from juicer.artifacts.backend import next_room
 from juicer.artifacts.findings import Nature
 from juicer.artifacts.local import LocalBackend
 from juicer.artifacts.recipe import Recipe
@@ -206,6 +207,24 @@ def test_nothing_that_was_set_aside_is_overwritten(store: ArtifactStore, recipe:
         store.set_aside(recipe.ref)
     asides = store.asides(recipe.ref)
     assert [(Path(aside) / "a.bin").read_text() for aside in asides] == [str(number) for number in range(1, 12)]
+
+
+def test_what_is_set_aside_is_the_last_also_where_earlier_ones_were_removed(
+    store: ArtifactStore, recipe: Recipe, make: Make
+) -> None:
+    for number in range(3):
+        make(store, recipe, {"a.bin": str(number).encode()})
+        store.set_aside(recipe.ref)
+    for removed in store.asides(recipe.ref)[:2]:
+        shutil.rmtree(removed)
+    make(store, recipe, {"a.bin": b"3"})
+    store.set_aside(recipe.ref)
+    assert [(Path(aside) / "a.bin").read_text() for aside in store.asides(recipe.ref)] == ["2", "3"]
+
+
+def test_a_room_is_greater_than_any_other() -> None:
+    assert next_room([]) == 1
+    assert next_room(["2", "10", "notes"]) == 11
 
 
 @pytest.mark.parametrize("name", ["notes", "0123456789abcdef.copy", ".hidden"])

@@ -32,6 +32,7 @@ from juicer.errors import (
     EvaluationOnly,
     InvalidCheckpoint,
     InvalidLabels,
+    InvalidObservation,
     NothingLeft,
     RenderingUnavailable,
     StateMissing,
@@ -694,6 +695,25 @@ def test_replayed_demonstrations_succeed_from_the_state_they_began_in(loop):
     assert episode.record.outcome == "success"
     np.testing.assert_array_equal(episode.steps["action"], recorded.steps["action"][: len(episode)])
     assert evaluate(loop.session, checkpoint=checkpoint, config=EVALUATE).kind == "evaluation"
+
+
+def test_a_replay_answers_observations_of_one_step_and_says_what_it_lacks(loop):
+    checkpoint = memorise(loop.session, episodes=loop.demonstrations, config=MemoriseConfig())
+    policy = load_policy(loop.store.open(checkpoint), "one_leg")
+    poses = EpisodeReader(loop.store.open(loop.demonstrations)).read(0).steps["part_poses"][:1]
+    np.testing.assert_array_equal(
+        policy.predict({"part_poses": poses}, []), policy.predict({"part_poses": poses[:, None]}, [])
+    )
+    with pytest.raises(InvalidObservation, match="observations lack 'part_poses'"):
+        policy.predict({"proprioception": poses}, [])
+
+
+def test_an_artifact_without_episodes_is_refused_in_a_sentence(loop):
+    with loop.store.create(Recipe("correct", "episodes")) as draft:
+        write_episodes(draft.path, [], {}, may_be_empty=True)
+    for stage, config in ((select, SelectConfig()), (memorise, MemoriseConfig())):
+        with pytest.raises(NothingLeft, match="holds no episode"):
+            stage(loop.session, episodes=draft.ref, config=config)
 
 
 def test_demonstrations_are_not_replayed_on_another_task(loop):
