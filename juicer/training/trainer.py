@@ -31,7 +31,7 @@ from juicer.training.ranks import Ranks, current_ranks
 from juicer.training.source import Batch, BatchOrder, WindowSource
 from juicer.training.state import TrainingState, load_state, save_state, training_identity
 from juicer.training.table import WindowTable
-from juicer.training.use import SourceUse, check_use, measure_use, notable_losses
+from juicer.training.use import SourceUse, check_tasks, check_use, measure_use, notable_losses
 from juicer.training.validation import validate
 from juicer.training.windows import TrainingEpisodes, Windows, concatenate, cut_windows, split_episodes, window_weights
 
@@ -150,6 +150,7 @@ def train(
     sides = cut_sides(episodes, policy.horizons, config, seed)
     use = measure_use(episodes, *sides)
     check_use(use, policy.horizons, config.windows.back_padding)
+    check_tasks(episodes, sides[0], list(tasks))
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
         network = build_policy(policy, tasks, torch_seed(seed, "weights"))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from juicer.errors import TrainingFailed
-from juicer.policy.config import HorizonConfig
+from juicer.policy.config import TASK_KEY, HorizonConfig
 from juicer.training.windows import TrainingEpisodes, Windows
 
 NOTABLE_SHARE = 0.1
@@ -104,6 +104,22 @@ def check_use(use: Mapping[str, SourceUse], horizons: HorizonConfig, back_paddin
     source, worst = max(use.items(), key=lambda entry: entry[1].unused_timesteps / entry[1].timesteps)
     if worst.unused_timesteps > MOST_UNUSED_SHARE * worst.timesteps:
         raise TrainingFailed(f"{_lost(source, worst)}; {_remedy(source, horizons, back_padding)}")
+
+
+def check_tasks(episodes: TrainingEpisodes, learned: Windows, tasks: Sequence[str]) -> None:
+    """Refuse a training for several tasks that would learn nothing of one of them.
+
+    Raises:
+        TrainingFailed: Naming the task.
+    """
+    if TASK_KEY not in episodes.observations:
+        return
+    seen = set(np.unique(episodes.observations[TASK_KEY][learned.obs_steps]).astype(int).tolist())
+    if lacking := [name for number, name in enumerate(tasks) if number not in seen]:
+        raise TrainingFailed(
+            f"nothing of {', '.join(lacking)} is left to learn from beside the episodes that are held out; add "
+            "demonstrations of it or lower validation_fraction"
+        )
 
 
 def notable_losses(use: Mapping[str, SourceUse], horizons: HorizonConfig, back_padding: int) -> Iterator[str]:

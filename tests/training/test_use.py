@@ -1,10 +1,12 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
 from juicer.errors import TrainingFailed
-from juicer.policy.config import HorizonConfig
+from juicer.policy.config import TASK_KEY, HorizonConfig
 from juicer.training.trainer import cut_sides, train
-from juicer.training.use import SourceUse, check_use, measure_use, notable_losses
+from juicer.training.use import SourceUse, check_tasks, check_use, measure_use, notable_losses
 from juicer.training.windows import concatenate, cut_windows
 
 PAPER = HorizonConfig()
@@ -80,3 +82,16 @@ def test_a_training_tells_its_use(episodes, tasks, policy_config, training_confi
     assert trained.use["teleop"].windows == trained.facts["num_windows"] == len(sides[0])
     assert trained.use["teleop"].validation_windows == len(sides[1])
     assert trained.losses == ()
+
+
+def test_a_task_of_which_nothing_is_left_to_learn_from_is_named(episodes):
+    data = episodes((40, 30, 50))
+    numbers = np.repeat([0.0, 0.0, 1.0], (40, 30, 50)).astype(np.float32)[:, None]
+    data = dataclasses.replace(data, observations={**data.observations, TASK_KEY: numbers})
+    learned = cut_windows(data.episode_ends, np.array([0, 1]), PAPER, 31)
+    with pytest.raises(
+        TrainingFailed, match=r"nothing of lamp is left to learn from beside the episodes that are held"
+    ):
+        check_tasks(data, learned, ["one_leg", "lamp"])
+    check_tasks(data, cut_windows(data.episode_ends, np.array([0, 2]), PAPER, 31), ["one_leg", "lamp"])
+    check_tasks(episodes((40,)), learned, ["one_leg"])
