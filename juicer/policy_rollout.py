@@ -77,7 +77,7 @@ def roll_out(
         device: Torch device that computes the actions.
         stop_after_successes: Yield nothing after this many successes.
         shift: In what the scenes differ from training; nothing if None.
-        progress: Called after every episode.
+        progress: Called after every turn of the environments.
 
     Raises:
         InvalidCheckpoint: If the checkpoint is damaged, or not of the task.

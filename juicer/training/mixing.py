@@ -27,7 +27,10 @@ class DatasetConfig(StrictConfig):
     """What is learned from, of all that there is; by default everything, and every step as often as any other."""
 
     sources: tuple[Source, ...] | None = Field(
-        default=None, min_length=1, max_length=len(Source), description="teleop, augmentation, rollout; all if empty"
+        default=None,
+        min_length=1,
+        max_length=len(Source),
+        description="teleop, augmentation, rollout, correction; all if empty",
     )
     tasks: tuple[TaskName, ...] | None = Field(
         default=None, min_length=1, max_length=MOST_TASKS, description="assembly tasks; all if empty"
@@ -42,8 +45,8 @@ class DatasetConfig(StrictConfig):
         default=None,
         gt=0,
         lt=1,
-        description="share of corrective episodes and rollouts among the steps of a batch, reached by weights; "
-        "if empty, their share among the steps that there are",
+        description="share of corrective episodes and rollouts, in steps, reached by weights; of what is learned it is "
+        "smaller where short episodes lose more steps to windows than long ones. If empty, their share of all steps",
     )
 
 

@@ -77,7 +77,7 @@ class EstimatedConfig(EncoderConfig):
 
     @property
     def column(self) -> str:
-        """Name of the estimates: the same for the same estimator, and for no other."""
+        """Name of the estimates: the same for estimators of the same configuration, and for no others."""
         return f"{self.kind}_{short_hash(self)}"
 
     def rough_features(self) -> int:
