@@ -24,8 +24,8 @@ def validate(network: PolicyNetwork, source: WindowSource) -> dict[str, float]:
 
     Returns:
         ``validation/loss``; ``validation/position_error_mm``, mean distance between predicted and recorded target
-        positions over the T_a executed actions; ``validation/rotation_error_deg`` likewise; and
-        ``validation/gripper_accuracy``, share of executed actions whose gripper command has the right sign.
+        positions over those of the T_a executed actions that are learned; ``validation/rotation_error_deg`` likewise;
+        and ``validation/gripper_accuracy``, share of them whose gripper command has the right sign.
     """
     order = stream(VALIDATION_SEED, "validation").permutation(len(source))[:VALIDATION_ROWS]
     was_training = network.training
@@ -34,29 +34,35 @@ def validate(network: PolicyNetwork, source: WindowSource) -> dict[str, float]:
         torch.manual_seed(VALIDATION_SEED)
         parts = [_judge(network, source, rows) for rows in torch.split(torch.from_numpy(order), _at_once(source))]
     network.train(was_training)
-    losses, targets, chunks, demonstrated = zip(*parts, strict=True)
-    shares = torch.stack(targets) / torch.stack(targets).sum()
+    losses, weights, chunks, demonstrated = zip(*parts, strict=True)
+    targets = torch.stack([each.sum() for each in weights])
+    shares = targets / targets.sum()
     horizons = network.config.horizons
     executed = slice(horizons.obs - 1, horizons.obs - 1 + horizons.action)
     predicted, recorded = torch.cat(chunks)[:, executed], torch.cat(demonstrated)[:, executed]
+    counted = torch.cat(weights)[:, executed, 0]
+
+    def mean(values: Tensor) -> float:
+        return float((values * counted).sum() / counted.sum())
+
     distance_m = (predicted - recorded)[..., POSITION].norm(dim=-1)
     same_sign = (predicted[..., 9] > 0) == (recorded[..., 9] > 0)
     return {
         "validation/loss": float((torch.stack(losses) * shares).sum()),
-        "validation/position_error_mm": 1000 * float(distance_m.mean()),
-        "validation/rotation_error_deg": float(_angle_rad(predicted, recorded).rad2deg().mean()),
-        "validation/gripper_accuracy": float(same_sign.float().mean()),
+        "validation/position_error_mm": 1000 * mean(distance_m),
+        "validation/rotation_error_deg": mean(_angle_rad(predicted, recorded).rad2deg()),
+        "validation/gripper_accuracy": mean(same_sign.float()),
     }
 
 
 def _judge(network: PolicyNetwork, source: WindowSource, rows: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Loss of some windows and how many targets they have, the actions that are predicted, and those recorded."""
+    """Loss of some windows, which of their actions are targets, the actions that are predicted, and those recorded."""
     device = next(network.parameters()).device
     batch = source.gather(rows).to(device)
     recorded, proprioception = (values.to(device) for values in source.recorded(rows))
     loss = batch.average(network.compute_loss(batch.prepared, batch.chunk))
     predicted = network.act(batch.prepared, proprioception, torch.randn(recorded.shape).to(device))
-    return loss, batch.weight.sum(), predicted, recorded
+    return loss, batch.weight, predicted, recorded
 
 
 def _at_once(source: WindowSource) -> int:

@@ -70,3 +70,22 @@ def test_dropout_is_off_during_validation_and_on_again_after(setting):
     network.train()
     validate(network, table)
     assert network.training
+
+
+def test_actions_that_are_not_learned_do_not_count(episodes, spec):
+    config = PolicyConfig(head=MLPHeadConfig(width=8, blocks=1), horizons=HorizonConfig(pred=8, action=4))
+    network, data = build_policy(config, {"toy": spec}, seed=0), episodes()
+    windows = cut_windows(data.episode_ends, np.arange(5), config.horizons, back_padding=7)
+    table = WindowTable(data, windows, network, learn_padding=False, device=torch.device("cpu"))
+    table.fit()
+    table.normalize()
+    is_padding = 1 - table.gather(torch.arange(len(table))).weight
+    assert is_padding.any()
+    knowing = Displaced(network, table, [0.0] * 10)
+
+    def wrong_beyond_the_end(prepared, proprioception, noise):
+        rows = torch.cat([torch.where((knowing._current == p).all(-1))[0][:1] for p in proprioception])
+        return table.recorded(rows)[0] + is_padding[rows]
+
+    knowing.act = wrong_beyond_the_end
+    assert validate(knowing, table)["validation/position_error_mm"] == pytest.approx(0, abs=1e-3)
