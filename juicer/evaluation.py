@@ -44,7 +44,8 @@ def anytime_interval(successes: int, trials: int, level: float = 0.95) -> Interv
     outcomes of two models from one initial state are independent given their rates: one episode of each multiplies the
     ratio by factors that are linear in the models' rates and are 1 at their average, so the product of their
     expectations is at most 1 (a geometric mean is at most the arithmetic one). If they are not, as where some states
-    are hard for all, it covers less: 92 % at a correlation of 0.19 of five models, 82 % at 0.33.
+    are hard for all, it covers less: of five models, looked at in four blocks of 25 states, 97 % at a correlation of
+    0.19 and 92 % at 0.33; looked at after every state, 85 % and 71 %.
 
     Raises:
         ValueError: If there are no trials, or more successes than trials.

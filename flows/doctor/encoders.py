@@ -57,18 +57,21 @@ def examine_encoders(folder: Path) -> Iterator[EncoderFile]:
 
 def _examined(row: Row, folder: Path) -> EncoderFile:
     known = KNOWN[row.weights]
-    found = [_looked_at(row, path) for path in places(known.file, folder) if path.exists()]
+    found = [each for path in places(known.file, folder) if (each := _looked_at(row, path))]
     right = (each for each in found if each.state in (FileState.PRESENT, FileState.UNPINNED))
     missing = EncoderFile(row, FileState.MISSING, folder / known.file, known.size, "", remedy(known.file, folder))
     return next(right, found[0] if found else missing)
 
 
-def _looked_at(row: Row, path: Path) -> EncoderFile:
+def _looked_at(row: Row, path: Path) -> EncoderFile | None:
+    """What is known of a place; None if there is nothing."""
     known = KNOWN[row.weights]
     try:
         with open_plain(path) as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
             size = file.tell()
+    except (FileNotFoundError, NotADirectoryError):
+        return None
     except OSError as error:
         return EncoderFile(row, FileState.UNREADABLE, path, remedy=f"see to '{path}': {error.strerror or error}")
     if known.sha256 is None:

@@ -2,7 +2,7 @@
 
 All that is random in a network's loss is drawn here. A process that learns from its part of every batch draws for the
 whole batch and keeps the rows of its own samples: a sample gets the same numbers, however many processes share a batch.
-They come from the processor's generator, so that every device learns from the same ones.
+But for dropout they come from the processor's generator, so that every device learns from the same ones.
 """
 
 from __future__ import annotations
@@ -52,17 +52,17 @@ def drawing_for(part: Part | None) -> Iterator[None]:
 
 def randn(shape: Sequence[int], device: torch.device | None = None) -> Tensor:
     """Normal noise; as everywhere here, ``shape`` begins with the samples, or with several rows of each in a line."""
-    return _own(lambda rows: torch.randn(rows, *shape[1:]).to(device), shape[0])
+    return _own(lambda rows: torch.randn(rows, *shape[1:]).to(device, non_blocking=True), shape[0])
 
 
 def rand(shape: Sequence[int], device: torch.device | None = None) -> Tensor:
     """Uniform in [0, 1)."""
-    return _own(lambda rows: torch.rand(rows, *shape[1:]).to(device), shape[0])
+    return _own(lambda rows: torch.rand(rows, *shape[1:]).to(device, non_blocking=True), shape[0])
 
 
 def randint(high: int, shape: Sequence[int], device: torch.device | None = None) -> Tensor:
     """Integers from 0 to ``high - 1``."""
-    return _own(lambda rows: torch.randint(high, (rows, *shape[1:])).to(device), shape[0])
+    return _own(lambda rows: torch.randint(high, (rows, *shape[1:])).to(device, non_blocking=True), shape[0])
 
 
 class Dropout(nn.Module):

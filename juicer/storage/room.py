@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import shutil
@@ -48,8 +49,9 @@ def new_images(path: Path, shape: Sequence[int]) -> np.memmap[Any, np.dtype[np.u
             os.posix_fallocate(file.fileno(), 0, size)
     except OSError as error:
         path.unlink(missing_ok=True)
+        remedy = "; make room there" if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
         raise StoreNotWritable(
-            f"'{printable(path)}' of {_size(size)} cannot be written ({error.strerror or error}); make room there"
+            f"'{printable(path)}' of {_size(size)} cannot be written: {error.strerror or error}{remedy}"
         ) from None
     return np.memmap(path, np.uint8, "r+", shape=tuple(shape))
 

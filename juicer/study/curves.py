@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from juicer.config import StrictConfig
-from juicer.evaluation import ConditionResult, Interval
+from juicer.evaluation import ConditionResult, Interval, wilson_interval
 from juicer.seeding import stream
 from juicer.text import printable
 
@@ -120,14 +120,15 @@ class Saturation:
 
 
 def fit_saturation(x: Sequence[float], results: Sequence[ConditionResult]) -> Saturation | None:
-    """Fit the curve by least squares, each point counting by its interval; None if there are too few points.
+    """Fit the curve by least squares, each point counting by its episodes; None if there are too few points.
 
-    Intervals come from fitting it again to models and rates that are drawn anew.
+    Intervals come from fitting it again to models and rates that are drawn anew; of two models a point they are too
+    narrow.
     """
     if len(set(x)) < LEAST_FITTED or min(x) < 0:
         return None
     places = np.asarray(x, float)
-    widths = np.array([max(result.interval[1] - result.interval[0], 1e-3) for result in results])
+    widths = np.array([_width(result) for result in results])
     rng = stream(0, "fitted curve")
     best = _fit(places, np.array([result.average for result in results]), widths)
     if best is None:
@@ -148,6 +149,12 @@ def fit_saturation(x: Sequence[float], results: Sequence[ConditionResult]) -> Sa
         middle=_saturating(grid, *best),
         high=np.quantile(band, quantiles[1], axis=0),
     )
+
+
+def _width(result: ConditionResult) -> float:
+    """Of the interval of all episodes together: how far a few models lie apart is luck, and no measure of exactness."""
+    low, high = wilson_interval(sum(sum(model.successes) for model in result.models), result.num_episodes)
+    return high - low
 
 
 def _saturating(x: NDArray[np.float64], top: float, scale: float) -> NDArray[np.float64]:

@@ -12,7 +12,8 @@ from juicer.study.points import curve_points, fit_of, rivals, rounded
 from juicer.study.statistics import LEVEL, Difference, against, models_differ, p_text, points
 from juicer.study.success import interval_text, percent
 
-_ONE_EACH = "one model of each, where two at least must tell how far trainings differ"
+_FITTED = 3
+_ONE_SEED = "of one seed, where two at least must tell how far trainings differ"
 
 
 class Ruling(StrEnum):
@@ -61,7 +62,7 @@ class Better:
         first, second = study.measured[self.than].result, study.measured[self.better].result
         for found in against(first, [second]):
             told = f"{second.title} against {first.title}: {found}"
-            return Verdict(_ruling(found), told if found.num_pairs > 1 else f"{told}; {_ONE_EACH}")
+            return Verdict(_ruling(found), told if found.num_shared_seeds > 1 else f"{told}; {_ONE_SEED}")
         return Verdict(Ruling.UNTESTED, "they have no seed in common")
 
 
@@ -88,8 +89,8 @@ class Best:
             return Verdict(Ruling.FAILS, f"{', '.join(above)} succeeds more often")
         if equal:
             told = f"cannot be told apart from {', '.join(equal)}"
-            alone = any(each.num_pairs == 1 for each in found)
-            return Verdict(Ruling.OPEN, f"{told}; {_ONE_EACH}" if alone else told)
+            alone = any(each.num_shared_seeds == 1 for each in found)
+            return Verdict(Ruling.OPEN, f"{told}; {_ONE_SEED}" if alone else told)
         return Verdict(Ruling.HOLDS, f"{percent(best.average)}, above each of the {len(found)} others (Holm)")
 
 
@@ -106,8 +107,10 @@ class AtMost:
             return Verdict(Ruling.UNTESTED, missing)
         result = study.measured[self.condition].result
         low, high = result.interval
-        ruling = Ruling.HOLDS if high <= self.rate else Ruling.FAILS if low > self.rate else Ruling.OPEN
-        return Verdict(ruling, f"{result.title}: {percent(result.average)} ({interval_text(result.interval)})")
+        told = f"{result.title}: {percent(result.average)} ({interval_text(result.interval)})"
+        if result.num_models == 1:
+            return Verdict(Ruling.OPEN, f"{told}; {_ONE_SEED}")
+        return Verdict(Ruling.HOLDS if high <= self.rate else Ruling.FAILS if low > self.rate else Ruling.OPEN, told)
 
 
 @dataclass(frozen=True)
@@ -142,11 +145,14 @@ class Saturates:
     def judge(self, study: TaskStudy) -> Verdict:
         """On which side the interval of that number lies."""
         curve = _curve(study, self.curve)
-        fit = fit_of(curve, curve_points(study, curve)) if curve else None
+        found = curve_points(study, curve) if curve else []
+        fit = fit_of(curve, found) if curve else None
         if fit is None:
             return Verdict(Ruling.UNTESTED, f"curve {self.curve} has no results, or too few to fit")
         low, high = fit.enough_interval
         told = f"95% of a plateau of {percent(fit.top)} at {rounded(fit.enough)} ({rounded(low)} to {rounded(high)})"
+        if any(result.num_models < _FITTED for _, result in found):
+            return Verdict(Ruling.OPEN, f"{told}; {_FITTED} models a point at least are needed")
         if not fit.is_seen:
             return Verdict(Ruling.OPEN, f"{told}, which lies beyond the points")
         return Verdict(Ruling.HOLDS if high <= self.by else Ruling.FAILS if low > self.by else Ruling.OPEN, told)
@@ -166,11 +172,16 @@ class BestWithin:
         found = curve_points(study, curve) if curve else []
         if curve is None or len(found) < 2:
             return Verdict(Ruling.UNTESTED, f"curve {self.curve} has no results")
+        measured = [self.low <= each <= self.high for each, _ in found]
+        if all(measured) or not any(measured):
+            return Verdict(Ruling.UNTESTED, f"curve {self.curve} has no results on both sides of its bounds")
         (x, best), equals = rivals(study, found)
         inside = [self.low <= each <= self.high for each in (x, *(other for other, _ in equals))]
         ruling = Ruling.HOLDS if all(inside) else Ruling.OPEN if any(inside) else Ruling.FAILS
         others = ", ".join(f"{other:g}" for other, _ in equals)
         reason = f"best at {x:g} ({percent(best.average)})" + (f"; not to be told apart: {others}" if others else "")
+        if any(result.num_models == 1 for _, result in found):
+            return Verdict(Ruling.OPEN, f"{reason}; {_ONE_SEED}")
         return Verdict(ruling, reason)
 
 

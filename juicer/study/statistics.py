@@ -50,11 +50,11 @@ class Difference:
         Of one model each nothing is clear: how far trainings of a recipe differ, two of them at least must tell.
         """
         low, high = self.interval
-        return self.num_pairs > 1 and self.is_significant and not low <= 0 <= high
+        return self.num_shared_seeds > 1 and self.is_significant and not low <= 0 <= high
 
     @property
-    def num_pairs(self) -> int:
-        """Models of the first whose seed the second has as well."""
+    def num_shared_seeds(self) -> int:
+        """Seeds of which both have a model."""
         return len({model.seed for model in self.first.models} & {model.seed for model in self.second.models})
 
     def __str__(self) -> str:

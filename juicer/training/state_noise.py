@@ -36,6 +36,6 @@ def perturb_prepared(prepared: Prepared, noise: OriginalStateNoise, encoders: En
 def _displaced(state: Tensor, position: float, rotation_rad: float) -> Tensor:
     """Rows ``(B, T_o, D)`` that begin with position and 6D rotation; the turn is in the gripper's own axes."""
     # Drawn by the processor, wherever the state is: loaders draw there too.
-    offset, turn = (torch.randn(len(state), 1, 3).to(state.device) for _ in range(2))
+    offset, turn = (torch.randn(len(state), 1, 3).to(state.device, non_blocking=True) for _ in range(2))
     rotation = matrix_to_rot6d(rot6d_to_matrix(state[..., ROTATION]) @ euler_xyz_to_matrix(rotation_rad * turn))
     return torch.cat([state[..., POSITION] + position * offset, rotation, state[..., 9:]], dim=-1)

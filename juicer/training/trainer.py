@@ -150,7 +150,6 @@ def train(
     sides = cut_sides(episodes, policy.horizons, config, seed)
     use = measure_use(episodes, *sides)
     check_use(use, policy.horizons, config.windows.back_padding)
-    check_tasks(episodes, sides[0], list(tasks))
     devices = [] if torch_device.type == "cpu" else [torch_device]
     with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
         network = build_policy(policy, tasks, torch_seed(seed, "weights"))
@@ -224,6 +223,7 @@ def cut_sides(
 def _set_up(imitation: Imitation, device: torch.device, loaders: int | None, metrics: MetricSink | None) -> _Loop:
     """Bring together what learns, what it learns from, and who gathers that."""
     network, config, ranks = imitation.network, imitation.config, current_ranks()
+    check_tasks(imitation.episodes, imitation.sides[0], list(network.tasks))
     loaders = default_loaders(network.encoders, device) if loaders is None else loaders
     # Processes beside the training have no use of its GPU: windows, and what prepares them, are not on it then.
     home = torch.device("cpu") if loaders else device

@@ -75,6 +75,13 @@ def test_the_interval_holds_the_area_and_narrows_with_more_rollouts():
     assert widths[1] < widths[0] / 2
 
 
+def test_of_fewer_than_ten_failures_every_area_is_possible():
+    spread = episodes([5.0] * 9, [0.0] * 90)
+    separation = spread.separation(spread.before_any_success)
+    assert separation.auc == 1
+    assert separation.interval(np.random.default_rng(0)) == (0, 1)
+
+
 def test_alarms_are_false_as_often_as_was_asked_and_early():
     rng = np.random.default_rng(1)
     calm = [rng.exponential(size=25) for _ in range(400)]

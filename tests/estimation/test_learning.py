@@ -156,8 +156,10 @@ def test_threads_share_no_batch_whose_statistics_they_would_change_in_any_order(
 
     monkeypatch.setattr("juicer.estimation.learning.ThreadPoolExecutor", Counted)
     estimator = configuration(steps=1, batch_size=64, threads=2).estimator.model_copy(update={"backbone": backbone})
-    learned(EstimatedConfig(estimator=estimator))
-    assert pools == [threads]
+    one, two = (learned(EstimatedConfig(estimator=estimator)).estimator.state_dict() for _ in range(2))
+    assert pools == [threads, threads]
+    for name, value in one.items():
+        torch.testing.assert_close(two[name], value, rtol=0, atol=0, msg=name)
 
 
 def test_a_killed_training_goes_on_to_the_same_weights(tmp_path, monkeypatch):

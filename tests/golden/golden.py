@@ -122,15 +122,14 @@ def processor() -> str:
 
 
 def blas() -> str:
-    """Libraries behind NumPy's matrix products, with the kernels that they chose, e.g. ``openblas SkylakeX``.
+    """The library behind NumPy's matrix products, with the kernels that it chose, e.g. ``openblas SkylakeX``.
 
     Two processors with the same extensions may be given different ones: OpenBLAS takes a processor that is newer than
     itself for an older one.
     """
-    chosen = {
-        (each["internal_api"], each.get("architecture", "")) for each in threadpool_info() if each["user_api"] == "blas"
-    }
-    return " ".join(" ".join(each) for each in sorted(chosen))
+    # Others come with SciPy, once something imports it.
+    found = [each for each in threadpool_info() if each["user_api"] == "blas" and "numpy" in each["filepath"]]
+    return " ".join(f"{each['internal_api']} {each.get('architecture', '')}" for each in found)
 
 
 def digest(values: np.ndarray[Any, Any]) -> str:

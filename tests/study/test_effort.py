@@ -45,6 +45,23 @@ def test_labels_and_corrections_count_and_success_is_divided_by_all(made):
     assert "Corrections of a round in which none succeeded are not counted" in section.note
 
 
+def test_labels_cost_what_the_papers_annotators_needed_on_that_task(made):
+    logs = made.artifact(
+        "ingest",
+        "episodes",
+        summary={"episodes": 50, "steps": 1200, "idle_steps_dropped": 0, "operator_minutes": 4.0},
+        config={"task": "lamp"},
+        files={"a": "1"},
+    )
+    summary = {"critical_states": 250, "authors": ["ann"]}
+    labels = made.artifact("annotate", "annotations", inputs={"episodes": (logs,)}, summary=summary)
+    own = demonstrated(made, operator_minutes=4.0)
+    made.evaluation("multitask", made.artifact("train", "checkpoint", inputs={"data": (own, logs, labels)}))
+    section = effort_section([made.study])
+    assert section is not None
+    assert section.tables[-1].rows[0][2] == "30.0", "the paper's minutes for fifty lamps"
+
+
 def test_policies_that_were_shown_nothing_have_no_such_section(made):
     made.evaluation("elsewhere", made.artifact("train", "checkpoint"))
     assert effort_section([made.study]) is None

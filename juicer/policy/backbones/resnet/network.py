@@ -97,7 +97,8 @@ class ResNet(Backbone):
         """State of this network by a file of torchvision, timm, R3M or VIP.
 
         The classifier is left out, and so is what group normalisation does not have, or does not take over from batch
-        normalisation; it keeps its own, as the spatial softmax does where the file has none.
+        normalisation; it keeps its own, as the spatial softmax does where the file has none. A file without statistics
+        of batches is taken for one of group normalisation.
         """
         own = self.state_dict()
         state = {name: value for name, value in weights.items() if not self._is_foreign(name)}

@@ -44,7 +44,12 @@ class EstimatorConfig(StrictConfig):
     precision: Literal["fp32", "bf16", "auto"] = Field(
         default="auto", description="arithmetic in which it learns; 'auto' is bf16 where the processor has it"
     )
-    threads: int = Field(default=2, gt=0, le=1024, description="each of which takes a part of a batch")
+    threads: int = Field(
+        default=2,
+        gt=0,
+        le=1024,
+        description="each of which takes a part of a batch; one, where batches change statistics of the network",
+    )
     validation_fraction: float = Field(default=0.1, gt=0, lt=1, description="share of the demonstrations held out")
 
     @model_validator(mode="after")
