@@ -31,10 +31,14 @@ class Displaced(torch.nn.Module):
 
 @pytest.fixture
 def setting(episodes, spec):
+    return make_setting(episodes, spec, learn_padding=True)
+
+
+def make_setting(episodes, spec, *, learn_padding):
     config = PolicyConfig(head=MLPHeadConfig(width=8, blocks=1), horizons=HorizonConfig(pred=8, action=4))
     network, data = build_policy(config, {"toy": spec}, seed=0), episodes()
     windows = cut_windows(data.episode_ends, np.arange(5), config.horizons, back_padding=7)
-    table = WindowTable(data, windows, network, learn_padding=True, device=torch.device("cpu"))
+    table = WindowTable(data, windows, network, learn_padding, device=torch.device("cpu"))
     table.fit()
     table.normalize()
     return network, table
@@ -73,12 +77,7 @@ def test_dropout_is_off_during_validation_and_on_again_after(setting):
 
 
 def test_actions_that_are_not_learned_do_not_count(episodes, spec):
-    config = PolicyConfig(head=MLPHeadConfig(width=8, blocks=1), horizons=HorizonConfig(pred=8, action=4))
-    network, data = build_policy(config, {"toy": spec}, seed=0), episodes()
-    windows = cut_windows(data.episode_ends, np.arange(5), config.horizons, back_padding=7)
-    table = WindowTable(data, windows, network, learn_padding=False, device=torch.device("cpu"))
-    table.fit()
-    table.normalize()
+    network, table = make_setting(episodes, spec, learn_padding=False)
     is_padding = 1 - table.gather(torch.arange(len(table))).weight
     assert is_padding.any()
     knowing = Displaced(network, table, [0.0] * 10)
