@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from itertools import zip_longest
 from statistics import fmean
 
 from juicer.artifacts.manifest import Manifest
@@ -52,8 +53,7 @@ def _table(study: TaskStudy) -> Table:
 def _rounds_of(study: TaskStudy, measured: Measured) -> list[str]:
     """Average rate of each round in which some model collected, with its interval."""
     models = [_tried(made_of) for made_of in study.behind_models(measured)]
-    number = max(map(len, models), default=0)
-    return [_rate([model[turn] for model in models if turn < len(model)], len(models)) for turn in range(number)]
+    return [_rate([each for each in turn if each], len(models)) for turn in zip_longest(*models)]
 
 
 def _tried(made_of: Iterable[Manifest]) -> Tried:
@@ -64,8 +64,7 @@ def _tried(made_of: Iterable[Manifest]) -> Tried:
             config, summary = each.recipe.config, each.summary
             by_task[config["task"]][config["first"]] = (summary["successes"], summary["episodes"])
     ordered = [[rounds[first] for first in sorted(rounds)] for rounds in by_task.values()]
-    number = max(map(len, ordered), default=0)
-    turns = ([rounds[turn] for rounds in ordered if turn < len(rounds)] for turn in range(number))
+    turns = ([each for each in turn if each] for turn in zip_longest(*ordered))
     return [(sum(won for won, _ in turn), sum(tried for _, tried in turn)) for turn in turns]
 
 

@@ -13,6 +13,7 @@ from juicer.study.statistics import LEVEL, Difference, against, models_differ, p
 from juicer.study.success import interval_text, percent
 
 _FITTED = 3
+"""Models a point below which a fitted curve's intervals are too narrow."""
 _ONE_SEED = "of one seed, where two at least must tell how far trainings differ"
 
 
@@ -172,17 +173,20 @@ class BestWithin:
         found = curve_points(study, curve) if curve else []
         if curve is None or len(found) < 2:
             return Verdict(Ruling.UNTESTED, f"curve {self.curve} has no results")
-        measured = [self.low <= each <= self.high for each, _ in found]
+        measured = [self._is_inside(each) for each, _ in found]
         if all(measured) or not any(measured):
             return Verdict(Ruling.UNTESTED, f"curve {self.curve} has no results on both sides of its bounds")
         (x, best), equals = rivals(study, found)
-        inside = [self.low <= each <= self.high for each in (x, *(other for other, _ in equals))]
+        inside = [self._is_inside(each) for each in (x, *(other for other, _ in equals))]
         ruling = Ruling.HOLDS if all(inside) else Ruling.OPEN if any(inside) else Ruling.FAILS
         others = ", ".join(f"{other:g}" for other, _ in equals)
         reason = f"best at {x:g} ({percent(best.average)})" + (f"; not to be told apart: {others}" if others else "")
         if any(result.num_models == 1 for _, result in found):
             return Verdict(Ruling.OPEN, f"{reason}; {_ONE_SEED}")
         return Verdict(ruling, reason)
+
+    def _is_inside(self, x: float) -> bool:
+        return self.low <= x <= self.high
 
 
 @dataclass(frozen=True)
