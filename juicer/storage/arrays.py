@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import zarr
 from numpy.typing import NDArray
+from zarr.abc.store import ByteRequest
 from zarr.codecs import BloscCodec, Crc32cCodec
+from zarr.core.array_spec import ArrayConfigParams
+from zarr.core.buffer import Buffer, BufferPrototype
+from zarr.storage import LocalStore, WrapperStore
 
 from juicer.artifacts.ref import is_id
 from juicer.episode import ArraySpec
@@ -23,8 +27,15 @@ MOST_METADATA_BYTES = 2**24
 """Of what is read at once, of a chunk and of the group's description: far more than juicer writes."""
 
 ENDS = "meta/episode_ends"
+EVERY_CHUNK = "every_chunk_is_written"
+"""Attribute of a group of which a chunk that is absent has been lost; juicer once left out chunks of zeros."""
 
 Array = NDArray[Any]
+
+
+def create_group(path: Path) -> zarr.Group:
+    """Make an empty group for arrays in a folder that does not exist yet."""
+    return zarr.open_group(path, mode="w-", zarr_format=3, attributes={EVERY_CHUNK: True})
 
 
 class GrowingArray:
@@ -51,6 +62,7 @@ class GrowingArray:
             shards=None if shard is None else (shard, *self._shape),
             dtype=np.dtype(spec.dtype),
             compressors=_codecs(np.dtype(spec.dtype), chunk * math.prod(self._shape)),
+            config=_WRITE_ALL,
         )
 
     def append(self, values: Array) -> None:
@@ -87,7 +99,24 @@ class GrowingArray:
 def write_ends(group: zarr.Group, lengths: Sequence[int]) -> None:
     """Write the index one past the last step of each episode."""
     ends = np.cumsum(lengths, dtype=np.int64)
-    group.create_array(ENDS, data=ends, chunks=(max(1, len(ends)),), compressors=_codecs(ends.dtype))
+    chunks = (max(1, len(ends)),)
+    group.create_array(ENDS, data=ends, chunks=chunks, compressors=_codecs(ends.dtype), config=_WRITE_ALL)
+
+
+class _ChunksThatVanish(WrapperStore[LocalStore]):
+    """A folder of arrays; a chunk that is gone is an error if ``every_chunk_is_written``, where zarr reads zeros."""
+
+    every_chunk_is_written = False
+
+    async def get(self, key: str, prototype: BufferPrototype, byte_range: ByteRequest | None = None) -> Buffer | None:
+        found = await super().get(key, prototype, byte_range)
+        if found is None and self.every_chunk_is_written and "/c/" in key:
+            raise _ChunkVanished
+        return found
+
+
+class _ChunkVanished(Exception):
+    """A chunk that was written is absent."""
 
 
 class StoredArrays:
@@ -109,11 +138,13 @@ class StoredArrays:
         """
         self._folder = path.parent
         self._what = what
-        self._group = self._open(path)
+        store = _ChunksThatVanish(LocalStore(path, read_only=True))
+        self._group = self._open(path, store)
         try:
             self.attributes: dict[str, Any] = dict(self._group.attrs)
         except (TypeError, ValueError):
             self.attributes = {}
+        store.every_chunk_is_written = bool(self.attributes.pop(EVERY_CHUNK, False))
 
     def read_ends(self) -> NDArray[np.int64]:
         """Index one past the last step of each episode ``(N,)``.
@@ -149,11 +180,11 @@ class StoredArrays:
         """Error that says why the group is not one that juicer wrote."""
         return ArtifactError(f"{self._what} in '{self._folder}' were not written by juicer: {reason}")
 
-    def _open(self, path: Path) -> zarr.Group:
+    def _open(self, path: Path, store: _ChunksThatVanish) -> zarr.Group:
         try:
             if (path / "zarr.json").stat().st_size > MOST_METADATA_BYTES:
                 raise ArtifactError(f"'{path}' has a description of absurd size")
-            return zarr.open_group(path, mode="r", zarr_format=3)
+            return zarr.open_group(store, mode="r", zarr_format=3)
         except (FileNotFoundError, NotADirectoryError):
             raise ArtifactError(f"'{path.parent}' holds no {self._what}") from None
         except ArtifactError:
@@ -187,13 +218,12 @@ class StoredArrays:
             ) from None
         # Each codec has its own errors for content that is none of its own, the checksum among them.
         except Exception as error:
-            is_other = "checksum do not match" in str(error)
-            reason = (
-                "has other content than when it was written" if is_other else f"cannot be unpacked: {printable(error)}"
-            )
             raise DamagedArtifact(
-                f"{_name_of(self._folder)} is damaged: array '{path}' {reason}; {_remedy(self._folder)}"
+                f"{_name_of(self._folder)} is damaged: array '{path}' {_damage(error)}; {_remedy(self._folder)}"
             ) from None
+
+
+_WRITE_ALL: Final[ArrayConfigParams] = {"write_empty_chunks": True}
 
 
 def _codecs(dtype: np.dtype[Any], entries: int = 0) -> tuple[BloscCodec, Crc32cCodec]:
@@ -206,6 +236,15 @@ def _codecs(dtype: np.dtype[Any], entries: int = 0) -> tuple[BloscCodec, Crc32cC
         # what an image repeats of the one before is found.
         return BloscCodec(cname="zstd", clevel=3, shuffle="noshuffle", blocksize=entries), Crc32cCodec()
     return BloscCodec(cname="zstd", clevel=5, shuffle="shuffle"), Crc32cCodec()
+
+
+def _damage(error: Exception) -> str:
+    """What an array is, or has, that cannot be read for this error."""
+    if isinstance(error, _ChunkVanished):
+        return "has lost a chunk"
+    if "checksum do not match" in str(error):
+        return "has other content than when it was written"
+    return f"cannot be unpacked: {printable(error)}"
 
 
 def _artifact_of(folder: Path) -> Path | None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from juicer.episode import ArraySpec, Role, Schema
 from juicer.errors import ArtifactError, InvalidEpisode, did_you_mean
-from juicer.storage.arrays import Array, GrowingArray, StoredArrays, write_ends
+from juicer.storage.arrays import Array, GrowingArray, StoredArrays, create_group, write_ends
 from juicer.text import printable
 
 SCHEMA_VERSION = 1
@@ -63,7 +63,7 @@ def write_columns(
     schema = Schema(tuple(specs))
     if not specs or schema.names(Role.DERIVED) != schema.names():
         raise InvalidEpisode("columns are arrays that were derived from episodes: give at least one, of this role only")
-    group = zarr.open_group(folder / COLUMNS, mode="w-", zarr_format=3)
+    group = create_group(folder / COLUMNS)
     arrays = {spec.name: _array(group, spec) for spec in specs}
     lengths = np.diff(episode_ends, prepend=0)
     covered = np.ones(len(lengths), bool) if covered is None else covered

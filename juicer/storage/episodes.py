@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from juicer.episode import SIMULATOR, ArraySpec, Episode, EpisodeRecord, Outcome, Schema, Source, require_state
 from juicer.errors import ArtifactError, InvalidEpisode, NothingLeft, did_you_mean
-from juicer.storage.arrays import Array, GrowingArray, StoredArrays, write_ends
+from juicer.storage.arrays import Array, GrowingArray, StoredArrays, create_group, write_ends
 from juicer.storage.columns import ColumnReader
 from juicer.storage.tables import MILESTONES, read_table, write_table
 from juicer.text import printable
@@ -87,7 +87,7 @@ def write_episodes(
         NothingLeft: If there is no episode, unless there may be none.
         InvalidEpisode: If an episode's arrays are not those of the first, or an episode is there twice.
     """
-    group = zarr.open_group(folder / "episodes.zarr", mode="w-", zarr_format=3)
+    group = create_group(folder / "episodes.zarr")
     schema = Schema(())
     appenders: dict[str, GrowingArray] = {}
     rows: dict[str, dict[str, Any]] = {}

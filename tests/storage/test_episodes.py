@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import shutil
 import tracemalloc
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -17,8 +18,9 @@ import zarr
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import DEMONSTRATION, SIMULATOR, ArraySpec, Episode, Outcome, Role, Schema, Source
-from juicer.errors import ArtifactError, InvalidEpisode, NothingLeft, StateMissing
+from juicer.errors import ArtifactError, DamagedArtifact, InvalidEpisode, NothingLeft, StateMissing
 from juicer.storage import episodes as module
+from juicer.storage.arrays import EVERY_CHUNK
 from juicer.storage.episodes import EpisodeReader, write_episodes
 
 EpisodeFactory = Callable[..., Episode]
@@ -239,6 +241,28 @@ def test_no_file_of_stored_episodes_can_vanish_unnoticed(tmp_path: Path, episode
         assert store.verify(draft.ref)
         path.write_bytes(content)
     assert store.verify(draft.ref) == []
+
+
+def test_chunks_that_vanish_after_opening_are_never_read_as_zeros(
+    tmp_path: Path, episode_factory: EpisodeFactory
+) -> None:
+    write_episodes(tmp_path, [episode_factory(40)], {})
+    reader = EpisodeReader(tmp_path)
+    shutil.rmtree(tmp_path / "episodes.zarr" / "data" / "action" / "c")
+    with pytest.raises(DamagedArtifact, match="array 'data/action' has lost a chunk"):
+        reader.steps("action")
+
+
+def test_chunks_of_zeros_are_as_they_were(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
+    episode = episode_factory(40)
+    episode.steps["reward"][:] = 0
+    write_episodes(tmp_path, [episode], {})
+    assert (EpisodeReader(tmp_path).steps("reward") == 0).all()
+    # Older versions did not write them.
+    group = zarr.open_group(tmp_path / "episodes.zarr")
+    group.attrs.put({name: value for name, value in group.attrs.items() if name != EVERY_CHUNK})
+    shutil.rmtree(tmp_path / "episodes.zarr" / "data" / "reward" / "c")
+    assert (EpisodeReader(tmp_path).steps("reward") == 0).all()
 
 
 def test_equal_episodes_make_equal_files(tmp_path: Path, episode_factory: EpisodeFactory) -> None:
