@@ -8,7 +8,8 @@ from typing import Any
 
 from flows.config import MIX_KEY, CollectInferConfig, RunConfig, StudyConfig
 from flows.loop_config import LoopConfig
-from flows.written import TASKS_KEY, Written, read_written, settled, take_written
+from flows.reading import read_written, take_written
+from flows.written import TASKS_KEY, Written, settled
 from juicer.config import parse_config
 from juicer.errors import ConfigError, did_you_mean
 from juicer.tasks.registry import TASK_NAMES

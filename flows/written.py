@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from flows.conditions import defaults
-from flows.shipped import CONFIGS, find_configuration, find_preset, is_name, names, shipped_path
-from juicer.config import read_document
 from juicer.errors import ConfigError, did_you_mean
 from juicer.text import printable
-from juicer.yaml_reading import MOST_DEPTH, Document, Keys, UnreadableYaml, check_plain, read_yaml
+from juicer.yaml_reading import MOST_DEPTH, Keys, UnreadableYaml, read_yaml
 
 BASE_KEY, TASKS_KEY, KIND_KEY, POLICIES_KEY = "base", "tasks", "kind", "policies"
 CONDITIONS_KEY, CHANGES_KEY = "conditions", "changes"
+BY_TASK_KEY = "by_task"
+"""What a configuration says of a task whichever run is for it, such as how long a preset trains for the longer ones."""
 PATH_KEYS = ("logs", "labels")
 """Keys that name files, relative to the file that they are written in: of the top level, of a task, of a condition's
 changes."""
@@ -39,10 +39,30 @@ class Written:
         return next((self.places[keys[:end]] for end in range(len(keys), 0, -1) if keys[:end] in self.places), None)
 
     def over(self, below: Written) -> Written:
-        """This content laid over another: sections are merged, everything else is replaced."""
+        """This content laid over another: sections are merged, everything else is replaced.
+
+        What it says of all tasks goes before what the other says of one.
+        """
         values, replaced = _merge(below.values, self.values)
         kept = {keys: place for keys, place in below.places.items() if not _is_below(keys, replaced)}
-        return Written(values, kept | dict(self.places))
+        result = Written(values, kept | dict(self.places))
+        for task in below.sections(BY_TASK_KEY):
+            lower = below.below(BY_TASK_KEY, task)
+            again = Written(_said_again(self.values, lower.values), self.places)
+            result = result.with_section((BY_TASK_KEY, task), self.below(BY_TASK_KEY, task).over(again.over(lower)))
+        return result
+
+    def sections(self, key: str) -> Mapping[str, Any]:
+        """The sections under a key of the top level, by name, empty ones too; nothing else that it holds."""
+        held = self.values.get(key)
+        named = held.items() if isinstance(held, Mapping) else ()
+        return {name: own for name, own in named if own is None or isinstance(own, Mapping)}
+
+    def with_section(self, keys: Sequence[str], content: Written) -> Written:
+        """The same with a section replaced as a whole, and all of its places."""
+        places = {known: place for known, place in self.places.items() if not _is_below(known, {tuple(keys)})}
+        places |= {(*keys, *inner): place for inner, place in content.places.items()}
+        return Written(_replaced(self.values, keys, content.values, ""), places)
 
     def replacing(self, keys: Sequence[str], value: Any, place: str) -> Written:
         """The same with one value replaced as a whole; names in a list pick from a section, as in another file.
@@ -53,7 +73,11 @@ class Written:
         picked = _picked(self.below(*keys).values, value)
         replaced: set[Keys] = {tuple(keys)} if picked is value else set()
         kept = {known: old for known, old in self.places.items() if not _is_below(known, replaced)}
-        return Written(_replaced(self.values, keys, picked, place), {**kept, tuple(keys): place})
+        result = Written(_replaced(self.values, keys, picked, place), {**kept, tuple(keys): place})
+        for task, own in self.sections(BY_TASK_KEY).items():
+            if _holds(own, keys):
+                result = result.replacing((BY_TASK_KEY, task, *keys), value, place)
+        return result
 
     def without(self, *left_out: str) -> Written:
         """The same without some keys of the top level."""
@@ -83,12 +107,12 @@ class Written:
         """
         result, said = self, dict[tuple[str, ...], str]()
         for text in assignments:
-            keys, value = _assignment(text)
+            keys, value = assignment(text)
             for earlier, its_text in said.items():
                 if earlier[: len(keys)] == keys:
                     raise ConfigError(f"{ASSIGNED} '{printable(text)}' undoes {ASSIGNED} '{printable(its_text)}'")
             said[keys] = text
-            placed: Any = _with_paths(_nested(keys, value), folder, ASSIGNED)
+            placed: Any = with_paths(_nested(keys, value), folder, ASSIGNED)
             for key in keys:
                 placed = placed[key]
             result = result.replacing(keys, placed, ASSIGNED)
@@ -124,127 +148,7 @@ def settled(written: Written) -> Written:
     return result
 
 
-def read_written(source: Path | str, assignments: Sequence[str] = ()) -> Written:
-    """A configuration by its path, or by its name if it comes with juicer, laid over its base.
-
-    Args:
-        source: The path or the name.
-        assignments: What goes before what it says; paths in them are relative to the working directory.
-
-    Raises:
-        ConfigError: If a file is missing or cannot be read, or an assignment is none.
-    """
-    text = str(source)
-    if is_name(text):
-        path = find_configuration(text)
-    else:
-        path = _path(text, Path(), "the configuration", "it")
-        if path.stem in names(CONFIGS) and not _exists(path):
-            raise ConfigError(
-                f"config file '{path}' does not exist; the one that comes with juicer is run as {path.stem}"
-            )
-    return _assigned(*_from_file(path), assignments, Path.cwd())
-
-
-def take_written(content: Mapping[str, Any] | str, origin: str, assignments: Sequence[str] = ()) -> Written:
-    """A configuration that stands in no file, laid over its base; paths in it must be absolute.
-
-    Args:
-        content: Its keys and values, or YAML.
-        origin: What to call it in errors.
-        assignments: What goes before what it says; paths in them must be absolute, too.
-
-    Raises:
-        ConfigError: If it is not valid YAML, too large, or a path is relative, or an assignment is none.
-    """
-    try:
-        if isinstance(content, str):
-            document = read_yaml(content)
-        else:
-            check_plain(content)
-            document = Document(content, {})
-    except UnreadableYaml as error:
-        raise ConfigError(f"{origin}: {error}") from None
-    values = {} if document.value is None else document.value
-    if not isinstance(values, Mapping):
-        raise ConfigError(f"{origin}: it must hold a mapping of keys to values")
-    places = {keys: f"{origin}, line {line}" for keys, line in document.lines.items() if keys}
-    return _assigned(Written(_with_paths(values, None, origin), places), None, assignments, None)
-
-
-def _assigned(written: Written, folder: Path | None, assignments: Sequence[str], here: Path | None) -> Written:
-    """A configuration laid over its base, with assignments applied; one of them may name another base.
-
-    Args:
-        written: The content.
-        folder: What its paths are relative to.
-        assignments: As :meth:`Written.assigning` takes them.
-        here: What paths in them are relative to.
-    """
-    bases = [text for text in assignments if _assignment(text)[0] == (BASE_KEY,)]
-    if bases:
-        # It decides what the other assignments apply to.
-        written, folder = written.assigning(bases, here), here
-    return _over_base(written, folder).assigning([text for text in assignments if text not in bases], here)
-
-
-def _from_file(path: Path) -> tuple[Written, Path]:
-    """A file's content, and the folder that its paths are relative to."""
-    document = read_document(path)
-    folder = path.absolute().parent
-    shown = _shown(path)
-    places = {keys: f"{shown}:{line}" for keys, line in document.lines.items() if keys}
-    return Written(_with_paths(document.value, folder, str(path)), places), folder
-
-
-def _shown(path: Path) -> str:
-    """A path as short as it can be understood."""
-    for folder in (CONFIGS, Path.cwd()):
-        if path.is_relative_to(folder):
-            return str(path.relative_to(folder))
-    return str(path)
-
-
-def _over_base(written: Written, folder: Path | None, above: tuple[Path, ...] = ()) -> Written:
-    """A file's content laid over that of its base, which may have one too, and all over what comes with juicer.
-
-    Args:
-        written: The content.
-        folder: What its paths are relative to.
-        above: Files that it is a base of.
-
-    Raises:
-        ConfigError: If a base is missing, or is laid over itself.
-    """
-    if BASE_KEY not in written.values:
-        return written.over(Written({POLICIES_KEY: defaults()[POLICIES_KEY]}))
-    place = written.place((BASE_KEY,)) or BASE_KEY
-    path = _find_base(written.values[BASE_KEY], folder, place)
-    base = _from_file(path)
-    above = (*above, path.resolve())
-    if len(set(above)) < len(above):
-        raise ConfigError(f"{place}: base leads back to '{_shown(path)}', which is laid over this file itself")
-    return written.without(BASE_KEY).over(_over_base(*base, above))
-
-
-def _find_base(text: Any, folder: Path | None, origin: str) -> Path:
-    if not isinstance(text, str) or not text:
-        raise ConfigError(f"{origin}: base must be the name of a preset, or the path of a file")
-    if is_name(text):
-        return find_preset(text)
-    path = _path(text, folder, origin, BASE_KEY)
-    # What the examples show works from any folder.
-    return path if _exists(path) else shipped_path(text) or path
-
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except OSError:  # the name is too long, or a folder may not be looked into
-        return False
-
-
-def _path(text: str, folder: Path | None, origin: str, key: str) -> Path:
+def absolute_path(text: str, folder: Path | None, origin: str, key: str) -> Path:
     """A path as an absolute one.
 
     Raises:
@@ -263,28 +167,33 @@ def _path(text: str, folder: Path | None, origin: str, key: str) -> Path:
     return folder / path
 
 
-def _with_paths(values: Mapping[str, Any], folder: Path | None, origin: str) -> dict[str, Any]:
+def with_paths(values: Mapping[str, Any], folder: Path | None, origin: str) -> dict[str, Any]:
     """The same with the paths in it made absolute."""
     result = dict(values)
     for key in PATH_KEYS:
         if isinstance(text := result.get(key), str):
-            result[key] = str(_path(text, folder, origin, key))
-    for key, section in ((TASKS_KEY, ""), (CONDITIONS_KEY, CHANGES_KEY)):
+            result[key] = str(absolute_path(text, folder, origin, key))
+    for key, section in ((TASKS_KEY, ""), (BY_TASK_KEY, ""), (CONDITIONS_KEY, CHANGES_KEY)):
         if isinstance(each := result.get(key), Mapping):
-            result[key] = {name: _with_paths_below(own, section, folder, origin) for name, own in each.items()}
+            result[key] = {name: _paths_below(own, section, folder, origin) for name, own in each.items()}
     return result
 
 
-def _with_paths_below(own: Any, section: str, folder: Path | None, origin: str) -> Any:
+def _paths_below(own: Any, section: str, folder: Path | None, origin: str) -> Any:
     """The same for a task, or for the section of a condition."""
     if not isinstance(own, Mapping):
         return own
     if not section:
-        return _with_paths(own, folder, origin)
-    return {**own, section: _with_paths_below(own[section], "", folder, origin)} if section in own else own
+        return with_paths(own, folder, origin)
+    return {**own, section: _paths_below(own[section], "", folder, origin)} if section in own else own
 
 
-def _assignment(text: str) -> tuple[tuple[str, ...], Any]:
+def assignment(text: str) -> tuple[tuple[str, ...], Any]:
+    """Keys and value of ``dotted.key=value``.
+
+    Raises:
+        ConfigError: If it is not of this form, or the value is not YAML.
+    """
     shown = printable(text)
     key, separator, value = text.partition("=")
     keys = tuple(part.strip() for part in key.split("."))
@@ -327,6 +236,24 @@ def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> tuple[dict[str
             if merged[key] is value:
                 replaced.add((key,))
     return merged, replaced
+
+
+def _said_again(above: Mapping[str, Any], below: Mapping[str, Any]) -> dict[str, Any]:
+    """What the upper one says at places where the lower one says something, too."""
+    both = {key: (above[key], old) for key, old in below.items() if key in above}
+    return {
+        key: _said_again(value, old) if isinstance(value, Mapping) and isinstance(old, Mapping) else value
+        for key, (value, old) in both.items()
+    }
+
+
+def _holds(values: Any, keys: Sequence[str]) -> bool:
+    """Whether something stands at nested keys."""
+    for key in keys:
+        if not isinstance(values, Mapping) or key not in values:
+            return False
+        values = values[key]
+    return True
 
 
 def _picked(below: Any, above: Any) -> Any:

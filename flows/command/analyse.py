@@ -9,8 +9,9 @@ from pathlib import Path
 from flows.analysing import analyse
 from flows.command.evaluate import only_task, run_on
 from flows.loop_config import LoopConfig
+from flows.reading import take_written
 from flows.terminal.output import say, say_json
-from flows.written import settled, take_written
+from flows.written import settled
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.config import parse_config

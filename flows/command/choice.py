@@ -55,8 +55,9 @@ class Choice:
 
         A model for several tasks needs all of them, whichever it is evaluated on: they stay in it then.
         """
+        from flows.reading import read_written
         from flows.runs import FLOW_KEY
-        from flows.written import TASKS_KEY, read_written, settled
+        from flows.written import TASKS_KEY, settled
 
         written = read_written(self.source, self.overrides)
         is_study = written.values.get(FLOW_KEY) == "study"

@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import yaml
 
+from flows.reading import read_written
 from flows.runs import load_runs, parse_runs
 from flows.shipped import CONFIGS, PRESETS, names
-from flows.written import read_written
 from juicer.errors import ConfigError
+from juicer.tasks.registry import TASK_NAMES
 
 
 def write(path: Path, text: str) -> Path:
@@ -164,7 +166,7 @@ def test_a_form_cannot_name_another_task_than_it_trains():
 
 def test_text_pasted_into_a_form_is_read_like_a_file():
     (run,) = parse_runs("base: laptop\ntask: lamp\nseed: 3\n", "the form")
-    assert (run.task, run.seed, run.policies["diffusion"].training.steps) == ("lamp", 3, 8000)
+    assert (run.task, run.seed, run.policies["diffusion"].training.steps) == ("lamp", 3, 16000)
     with pytest.raises(ConfigError, match=r"^the form, line 2: seed: must be a whole number, got True$"):
         parse_runs("task: lamp\nseed: true\n", "the form")
     with pytest.raises(ConfigError, match="the form: line 2: the key 'seed' is there already, in line 1"):
@@ -219,3 +221,74 @@ def test_names_in_a_list_pick_from_the_section_below(tmp_path):
     assert (run.task, run.rounds) == ("lamp", 3)
     written = read_written(path, ["tasks=[lamp]"])
     assert written.place(("tasks", "lamp", "rounds")).endswith("run.yaml:1")
+
+
+BY_TASK = """
+rounds: 2
+by_task: {lamp: {rounds: 5, record: {demonstrations: 7}}}
+"""
+
+
+def test_what_is_said_by_task_counts_whichever_run_is_for_it(tmp_path):
+    path = write(tmp_path / "run.yaml", BY_TASK)
+    assert [run.rounds for run in load_runs(path)] == [2]
+    assert [run.rounds for run in load_runs(path, ["task=lamp"])] == [5]
+    for tasks in ("[one_leg, lamp]", "{one_leg: {}, lamp: {}}", "{one_leg: , lamp: }"):
+        first, second = load_runs(path, [f"tasks={tasks}"])
+        assert (first.rounds, second.rounds, second.record.demonstrations) == (2, 5, 7)
+    written = read_written(path, ["tasks=[lamp]"])
+    assert written.place(("tasks", "lamp", "rounds")).endswith("run.yaml:3")
+
+
+def test_what_is_said_by_task_gives_way_to_what_is_said_above(tmp_path):
+    write(tmp_path / "base.yaml", BY_TASK)
+    above = write(tmp_path / "above.yaml", "base: base.yaml\nrounds: 3\n")
+    (run,) = load_runs(above, ["task=lamp"])
+    assert (run.rounds, run.record.demonstrations) == (3, 7)
+    (run,) = load_runs(tmp_path / "base.yaml", ["task=lamp", "rounds=4"])
+    assert (run.rounds, run.record.demonstrations) == (4, 7)
+    (run,) = load_runs(tmp_path / "base.yaml", ["task=lamp", "record={demonstrations: 9}"])
+    assert (run.rounds, run.record.demonstrations) == (5, 9)
+    path = write(tmp_path / "own.yaml", "base: above.yaml\nby_task: {lamp: {rounds: 6}}\n")
+    assert load_runs(path, ["task=lamp"])[0].rounds == 6
+    (run,) = load_runs(above, ["tasks={lamp: {rounds: 8}}"])
+    assert (run.rounds, run.record.demonstrations) == (8, 7)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("by_task: [lamp]\n", r"run\.yaml:1: by_task must map tasks to what is said of each"),
+        ("by_task: {lamp: 3}\n", "by_task must map tasks"),
+        ("by_task: {lmap: {}}\n", "by_task: unknown task 'lmap'; did you mean 'lamp'"),
+        ("by_task: {lamp: {name: a}}\n", r"by_task\.lamp must not have a 'name' of its own"),
+        ("task: lamp\nby_task: {lamp: {roundz: 3}}\n", "did you mean 'rounds'"),
+    ],
+)
+def test_what_cannot_be_said_by_task_is_refused(tmp_path, text, message):
+    with pytest.raises(ConfigError, match=message):
+        load_runs(write(tmp_path / "run.yaml", text))
+
+
+ABOUT_IMAGES = {"image_ablation", "table_vii"}
+"""Configurations whose own policies say how images are seen, which means nothing to those that see none."""
+
+
+@pytest.mark.parametrize("preset", names(PRESETS))
+@pytest.mark.parametrize("name", sorted({*names(CONFIGS)} - ABOUT_IMAGES))
+def test_every_configuration_runs_with_every_preset(name, preset):
+    """With its own tasks and conditions, and with the preset's lengths for all of them."""
+    usual, runs = load_runs(name), load_runs(name, [f"base={preset}"])
+    assert [(run.task, list(run.chosen), run.seeds) for run in runs] == [
+        (run.task, list(run.chosen), run.seeds) for run in usual
+    ]
+    own = {run.task: run for task in TASK_NAMES for run in load_runs(preset, [f"task={task}"])}
+    for run in runs:
+        for policy in ("diffusion", "multitask"):
+            lengths = {each.policies[policy].training.steps for each in (run, own[run.task])}
+            assert len(lengths) == 1 or policy in said_of(name)
+
+
+def said_of(name):
+    """Policies of which a configuration says something itself."""
+    return yaml.safe_load((CONFIGS / f"{name}.yaml").read_text()).get("policies", {})

@@ -1,0 +1,45 @@
+"""What a configuration says of single tasks, whichever run is for them: a preset trains longer for the longer ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from flows.written import BY_TASK_KEY, TASKS_KEY, Written
+from juicer.errors import ConfigError, did_you_mean
+from juicer.tasks.registry import TASK_NAMES
+from juicer.text import printable
+
+_OF_THE_RUN = ("task", TASKS_KEY, BY_TASK_KEY, "flow", "name")
+
+
+def told_of_tasks(written: Written) -> Written:
+    """The same with what it says by task said of the run, or the runs, that are for these tasks.
+
+    Raises:
+        ConfigError: If it is said of what is not a task, or says what no task has for itself.
+    """
+    if BY_TASK_KEY not in written.values:
+        return written
+    _check(written)
+    by_task, rest = written.below(BY_TASK_KEY), written.without(BY_TASK_KEY)
+    tasks = written.values.get(TASKS_KEY)
+    if tasks is None:
+        task = written.values.get("task", TASK_NAMES[0])
+        return by_task.below(task).over(rest) if task in TASK_NAMES else rest
+    if isinstance(tasks, list) and all(task in TASK_NAMES for task in tasks) and len(set(tasks)) == len(tasks):
+        rest = rest.with_section((TASKS_KEY,), Written({task: {} for task in tasks}))
+    for task in rest.sections(TASKS_KEY):
+        rest = rest.with_section((TASKS_KEY, task), rest.below(TASKS_KEY, task).over(by_task.below(task)))
+    return rest
+
+
+def _check(written: Written) -> None:
+    place = f"{written.place((BY_TASK_KEY,))}: {BY_TASK_KEY}"
+    own = written.values[BY_TASK_KEY]
+    if not isinstance(own, Mapping) or not all(isinstance(each, Mapping) for each in own.values()):
+        raise ConfigError(f"{place} must map tasks to what is said of each")
+    for task, said in own.items():
+        if task not in TASK_NAMES:
+            raise ConfigError(f"{place}: unknown task '{printable(task)}'{did_you_mean(task, TASK_NAMES)}")
+        if wrong := next((key for key in _OF_THE_RUN if key in said), None):
+            raise ConfigError(f"{place}.{task} must not have a '{wrong}' of its own")

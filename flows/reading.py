@@ -1,0 +1,154 @@
+"""Reading what a user wrote: a file or a text, laid over its base, with what the command line says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from flows.by_task import told_of_tasks
+from flows.conditions import defaults
+from flows.shipped import CONFIGS, PRESETS, find_configuration, find_preset, is_name, names, shipped_path
+from flows.written import (
+    BASE_KEY,
+    POLICIES_KEY,
+    Written,
+    absolute_path,
+    assignment,
+    with_paths,
+)
+from juicer.config import read_document
+from juicer.errors import ConfigError
+from juicer.yaml_reading import Document, UnreadableYaml, check_plain, read_yaml
+
+
+def read_written(source: Path | str, assignments: Sequence[str] = ()) -> Written:
+    """A configuration by its path, or by its name if it comes with juicer, laid over its base.
+
+    Args:
+        source: The path or the name.
+        assignments: What goes before what it says; paths in them are relative to the working directory.
+
+    Raises:
+        ConfigError: If a file is missing or cannot be read, or an assignment is none.
+    """
+    text = str(source)
+    if is_name(text):
+        path = find_configuration(text)
+    else:
+        path = absolute_path(text, Path(), "the configuration", "it")
+        if path.stem in names(CONFIGS) and not _exists(path):
+            raise ConfigError(
+                f"config file '{path}' does not exist; the one that comes with juicer is run as {path.stem}"
+            )
+    return _assigned(*_from_file(path), assignments, Path.cwd())
+
+
+def take_written(content: Mapping[str, Any] | str, origin: str, assignments: Sequence[str] = ()) -> Written:
+    """A configuration that stands in no file, laid over its base; paths in it must be absolute.
+
+    Args:
+        content: Its keys and values, or YAML.
+        origin: What to call it in errors.
+        assignments: What goes before what it says; paths in them must be absolute, too.
+
+    Raises:
+        ConfigError: If it is not valid YAML, too large, or a path is relative, or an assignment is none.
+    """
+    try:
+        if isinstance(content, str):
+            document = read_yaml(content)
+        else:
+            check_plain(content)
+            document = Document(content, {})
+    except UnreadableYaml as error:
+        raise ConfigError(f"{origin}: {error}") from None
+    values = {} if document.value is None else document.value
+    if not isinstance(values, Mapping):
+        raise ConfigError(f"{origin}: it must hold a mapping of keys to values")
+    places = {keys: f"{origin}, line {line}" for keys, line in document.lines.items() if keys}
+    return _assigned(Written(with_paths(values, None, origin), places), None, assignments, None)
+
+
+def _assigned(written: Written, folder: Path | None, assignments: Sequence[str], here: Path | None) -> Written:
+    """A configuration laid over its base, with assignments applied; one of them may name another base.
+
+    Args:
+        written: The content.
+        folder: What its paths are relative to.
+        assignments: As :meth:`Written.assigning` takes them.
+        here: What paths in them are relative to.
+    """
+    bases = [text for text in assignments if assignment(text)[0] == (BASE_KEY,)]
+    # A base decides what the other assignments apply to.
+    preset = _preset(Written({}).assigning(bases, here).values.get(BASE_KEY))
+    if bases and preset is None:
+        written, folder = written.assigning(bases, here), here
+    whole = _over_base(written, folder, preset=preset)
+    return told_of_tasks(whole.assigning([text for text in assignments if text not in bases], here))
+
+
+def _preset(base: Any) -> Path | None:
+    """File of a preset that comes with juicer, if it is named."""
+    is_preset = isinstance(base, str) and is_name(base) and base in names(PRESETS)
+    return find_preset(base) if is_preset else None
+
+
+def _from_file(path: Path) -> tuple[Written, Path]:
+    """A file's content, and the folder that its paths are relative to."""
+    document = read_document(path)
+    folder = path.absolute().parent
+    shown = _shown(path)
+    places = {keys: f"{shown}:{line}" for keys, line in document.lines.items() if keys}
+    return Written(with_paths(document.value, folder, str(path)), places), folder
+
+
+def _shown(path: Path) -> str:
+    """A path as short as it can be understood."""
+    for folder in (CONFIGS, Path.cwd()):
+        if path.is_relative_to(folder):
+            return str(path.relative_to(folder))
+    return str(path)
+
+
+def _over_base(
+    written: Written, folder: Path | None, above: tuple[Path, ...] = (), preset: Path | None = None
+) -> Written:
+    """A file's content laid over that of its base, which may have one too, and all over what comes with juicer.
+
+    Args:
+        written: The content.
+        folder: What its paths are relative to.
+        above: Files that it is a base of.
+        preset: What all of it starts from instead of the preset at its bottom, if any.
+
+    Raises:
+        ConfigError: If a base is missing, or is laid over itself.
+    """
+    place = written.place((BASE_KEY,)) or BASE_KEY
+    found = _find_base(written.values[BASE_KEY], folder, place) if BASE_KEY in written.values else None
+    if preset and (found is None or found.is_relative_to(PRESETS)):
+        found, preset = preset, None
+    if found is None:
+        return written.over(Written({POLICIES_KEY: defaults()[POLICIES_KEY]}))
+    above = (*above, found.resolve())
+    if len(set(above)) < len(above):
+        raise ConfigError(f"{place}: base leads back to '{_shown(found)}', which is laid over this file itself")
+    return written.without(BASE_KEY).over(_over_base(*_from_file(found), above, preset))
+
+
+def _find_base(text: Any, folder: Path | None, origin: str) -> Path:
+    if not isinstance(text, str) or not text:
+        raise ConfigError(f"{origin}: base must be the name of a preset, or the path of a file")
+    if is_name(text):
+        return find_preset(text)
+    path = absolute_path(text, folder, origin, BASE_KEY)
+    # What the examples show works from any folder.
+    return path if _exists(path) else shipped_path(text) or path
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # the name is too long, or a folder may not be looked into
+        return False
