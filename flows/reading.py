@@ -9,14 +9,7 @@ from typing import Any
 from flows.by_task import told_of_tasks
 from flows.conditions import defaults
 from flows.shipped import CONFIGS, PRESETS, find_configuration, find_preset, is_name, names, shipped_path
-from flows.written import (
-    BASE_KEY,
-    POLICIES_KEY,
-    Written,
-    absolute_path,
-    assignment,
-    with_paths,
-)
+from flows.written import ASSIGNED, BASE_KEY, NAME_KEY, POLICIES_KEY, Written, absolute_path, assignment, with_paths
 from juicer.config import read_document
 from juicer.errors import ConfigError
 from juicer.yaml_reading import Document, UnreadableYaml, check_plain, read_yaml
@@ -85,7 +78,16 @@ def _assigned(written: Written, folder: Path | None, assignments: Sequence[str],
     if bases and preset is None:
         written, folder = written.assigning(bases, here), here
     whole = _over_base(written, folder, preset=preset)
+    if preset:
+        whole = _renamed(whole, preset.stem)
     return told_of_tasks(whole.assigning([text for text in assignments if text not in bases], here))
+
+
+def _renamed(whole: Written, preset: str) -> Written:
+    """The same with the preset in its name: with other networks, or other eyes, it is a study of its own."""
+    name = whole.values.get(NAME_KEY)
+    is_another = isinstance(name, str) and name != preset
+    return whole.replacing((NAME_KEY,), f"{name}_{preset}", ASSIGNED) if is_another else whole
 
 
 def _preset(base: Any) -> Path | None:

@@ -12,7 +12,7 @@ from juicer.errors import ConfigError, did_you_mean
 from juicer.text import printable
 from juicer.yaml_reading import MOST_DEPTH, Keys, UnreadableYaml, read_yaml
 
-BASE_KEY, TASKS_KEY, KIND_KEY, POLICIES_KEY = "base", "tasks", "kind", "policies"
+BASE_KEY, NAME_KEY, TASKS_KEY, KIND_KEY, POLICIES_KEY = "base", "name", "tasks", "kind", "policies"
 CONDITIONS_KEY, CHANGES_KEY = "conditions", "changes"
 BY_TASK_KEY = "by_task"
 """What a configuration says of a task whichever run is for it, such as how long a preset trains for the longer ones."""

@@ -205,7 +205,7 @@ def test_a_base_can_be_assigned(tmp_path, monkeypatch):
     path = write(tmp_path / "run.yaml", "base: laptop\nrecord: {seed: 2}\n")
     (run,) = load_runs(path, ["base=laptop_image", "rounds=2"])
     assert run.policies["diffusion"].policy.observation["state"].kind == "estimated"
-    assert (run.record.seed, run.rounds) == (2, 2)
+    assert (run.record.seed, run.rounds, run.name) == (2, 2, "laptop_image")
     monkeypatch.chdir(tmp_path / "own")
     (run,) = load_runs(path, ["base=small.yaml"])
     assert run.rounds == 3
@@ -268,6 +268,15 @@ def test_what_is_said_by_task_gives_way_to_what_is_said_above(tmp_path):
 def test_what_cannot_be_said_by_task_is_refused(tmp_path, text, message):
     with pytest.raises(ConfigError, match=message):
         load_runs(write(tmp_path / "run.yaml", text))
+
+
+def test_a_configuration_with_another_preset_is_a_study_of_its_own(tmp_path):
+    path = write(tmp_path / "run.yaml", "base: laptop\nname: mine\n")
+    assert load_runs(path)[0].name == "mine"
+    assert load_runs(path, ["base=laptop_image"])[0].name == "mine_laptop_image"
+    assert load_runs(path, ["base=laptop_image", "name=seen"])[0].name == "seen"
+    runs = load_runs("paper_study", ["base=laptop_image"])
+    assert runs[0].name == "paper_study_laptop_image_one_leg"
 
 
 ABOUT_IMAGES = {"image_ablation", "table_vii"}
