@@ -146,6 +146,7 @@ class ConditionResult:
         anytime: Whether its evaluation ended when something was settled, so that only what holds at any time may be
             said of it.
         shifted: The same models under each shift, by name; none under one that they cannot notice.
+        observes: What its policies saw, and what they were taught with beside; empty if that is not known.
     """
 
     condition: str
@@ -154,6 +155,7 @@ class ConditionResult:
     interval: Interval
     anytime: bool = False
     shifted: Mapping[str, ConditionResult | None] = field(default_factory=dict)
+    observes: str = ""
 
     @property
     def average(self) -> float:

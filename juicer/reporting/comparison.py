@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from juicer.artifacts.manifest import STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.config import StrictConfig
@@ -48,7 +49,7 @@ def condition_results(
         ArtifactError: If an evaluation is missing, damaged or without an episode.
     """
     models: dict[str, dict[str, list[ModelResult]]] = {}
-    stopped = set()
+    stopped, observes = set(), dict[str, str]()
     for ref, row in zip(evaluations, rows, strict=True):
         table = read_evaluation(store.open(ref, "evaluation"))
         if not table:
@@ -59,6 +60,7 @@ def condition_results(
             successes=tuple(entry.outcome is Outcome.SUCCESS for entry in table),
         )
         models.setdefault(row.condition, {}).setdefault(row.shift, []).append(result)
+        observes[row.condition] = store.manifest(ref).observes
         if store.recipe(ref).config.get("anytime") is True:
             stopped.add((row.condition, row.shift))
     titles = {row.condition: row.title for row in rows}
@@ -70,8 +72,17 @@ def condition_results(
             for shift, each in by_shift.items()
         }
         usual = found.pop("")
-        results.append(replace(usual, shifted={**found, **unnoticed[condition]}))
+        shifted = {**found, **unnoticed[condition]}
+        results.append(replace(usual, shifted=shifted, observes=observes[condition]))
     return results
+
+
+def by_observation(results: Sequence[ConditionResult]) -> dict[str, list[ConditionResult]]:
+    """Results by what the policies saw, in words: those that share no table; empty for what is told poses."""
+    groups: dict[str, list[ConditionResult]] = {}
+    for result in results:
+        groups.setdefault("" if result.observes == STATE else result.observes, []).append(result)
+    return groups
 
 
 def shift_names(results: Sequence[ConditionResult]) -> list[str]:
@@ -102,7 +113,14 @@ def _told(result: ConditionResult | None) -> str:
 
 
 def markdown_table(results: Sequence[ConditionResult]) -> str:
-    """Comparison in the form of the paper's Table VI, as Markdown, and a second table of the rates under shifts."""
+    """Comparison in the form of the paper's Table VI, as Markdown, and a second table of the rates under shifts.
+
+    Policies that observe different things stand in tables of their own.
+    """
+    return "\n".join(map(_markdown, by_observation(results).values()))
+
+
+def _markdown(results: Sequence[ConditionResult]) -> str:
     lines = [
         "| condition | average | 95 % interval | best | models | episodes |",
         "|---|---:|---:|---:|---:|---:|",

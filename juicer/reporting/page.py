@@ -18,6 +18,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from numpy.typing import NDArray
 
 from juicer.evaluation import ConditionResult
+from juicer.reporting.comparison import by_observation
 from juicer.reporting.content import EpisodeVideo, EvaluatedModel, Funnel, ReportData, TrainingCurve
 from juicer.reporting.figures import (
     DASHES,
@@ -83,6 +84,7 @@ def render_page(data: ReportData) -> str:
     )
     environment.filters.update(duration=_duration, number=_number, percent=_percent)
     environment.globals.update(
+        by_observation=by_observation,
         episode_lines=_episode_lines,
         outcomes=_outcomes,
         png_uri=partial(_data_uri, "image/png"),

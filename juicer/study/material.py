@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from juicer.artifacts.manifest import Manifest
+from juicer.artifacts.manifest import STATE, Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.config import canonical_json
@@ -89,10 +89,11 @@ class TaskStudy:
 
     @property
     def groups(self) -> dict[str, list[Measured]]:
-        """By what they change, conditions that differ in their method alone, and were evaluated alike."""
+        """By what they see and change, conditions that differ in their method alone, and were evaluated alike."""
         groups: dict[str, list[Measured]] = {}
         for each in self.measured.values():
-            groups.setdefault(each.setting, []).append(each)
+            seen = each.result.observes if each.result.observes != STATE else ""
+            groups.setdefault(", ".join(filter(None, (seen, each.setting))), []).append(each)
         return {setting: group for setting, group in groups.items() if len({each.states for each in group}) == 1}
 
 

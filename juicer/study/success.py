@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from juicer.evaluation import ConditionResult
+from juicer.reporting.comparison import by_observation
 from juicer.reporting.paper import PAPER_TABLE_VI, PAPER_TABLE_VII
 from juicer.reporting.section import Section, Table
 from juicer.study.material import Measured, TaskStudy
@@ -70,7 +71,8 @@ def _rates(study: TaskStudy) -> Iterator[Table]:
         if len(group) > 1 or group[0].result.condition not in drawn:
             columns = ("condition", "average", "95% interval", "best", "models", "episodes", "paper, average / best")
             rows = tuple(_row(study.task, each) for each in group)
-            yield Table(columns, rows, f"{study.task}{under(setting)}", "" if setting else study.base)
+            base = "" if group[0].setting else study.base
+            yield Table(columns, rows, f"{study.task}{under(setting)}", base)
 
 
 def _row(task: str, measured: Measured) -> tuple[str, ...]:
@@ -96,7 +98,13 @@ def _overview(studies: Sequence[TaskStudy]) -> Iterator[Table]:
     """One line a condition, one column a task, as in the paper."""
     if len(studies) < 2:
         return
-    names = dict.fromkeys(name for study in studies for name, each in study.measured.items() if not each.setting)
+    plain = [each.result for study in studies for each in study.measured.values() if not each.setting]
+    for seen, results in by_observation(plain).items():
+        names = dict.fromkeys(result.condition for result in results)
+        yield _all_tasks(studies, tuple(names), under(seen))
+
+
+def _all_tasks(studies: Sequence[TaskStudy], names: Sequence[str], seen: str) -> Table:
     rows = []
     for name in names:
         found = [study.measured.get(name) for study in studies]
@@ -109,10 +117,10 @@ def _overview(studies: Sequence[TaskStudy]) -> Iterator[Table]:
             for study, each in zip(studies, found, strict=True)
         )
         rows.append((title, *cells))
-    yield Table(
+    return Table(
         ("condition", *(study.task for study in studies)),
         tuple(rows),
-        "All tasks: average / best, in brackets the paper's",
+        f"All tasks{seen}: average / best, in brackets the paper's",
     )
 
 

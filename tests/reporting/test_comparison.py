@@ -32,3 +32,12 @@ def test_rates_under_shifts_stand_beside_the_usual_ones():
 def test_without_shifts_there_is_no_such_table():
     results = [ConditionResult("bc", "BC", (result(0, "1110"),), (0.21, 0.79))]
     assert robustness_table(results) == ([], [])
+
+
+def test_policies_that_see_stand_in_a_table_of_their_own():
+    told = ConditionResult("bc", "BC", (result(0, "1110"),), (0.21, 0.79), observes="state")
+    seeing = ConditionResult("eyes", "Eyes (images)", (result(0, "1000"),), (0.05, 0.7), observes="images")
+    first, second = markdown_table([told, seeing]).split("\n\n")
+    assert "BC" in first
+    assert "Eyes" not in first
+    assert "| Eyes (images) | 25% |" in second

@@ -62,3 +62,17 @@ def test_tasks_stand_side_by_side_as_in_the_paper(study, result):
     overview = section.tables[0]
     assert overview.columns == ("condition", "one_leg", "lamp")
     assert overview.rows == (("BC", "50% / 60% (59%/68%)", "10% / 10% (6%/7%)"), ("TA", "80% / 80% (64%/65%)", "-"))
+
+
+def test_state_and_image_results_share_no_table(study, result):
+    seeing = replace(result("eyes", 0.5, 0.6), observes="images; poses in training")
+    mixed = study(
+        replace(result("bc", 0.7, 0.8), observes="state"), replace(result("ta", 0.9), observes="state"), seeing
+    )
+    tables = success_section([mixed, mixed]).tables
+    for table in tables:
+        assert len({row[0] == "EYES" for row in table.rows}) == 1
+    assert {"one_leg", "one_leg, images; poses in training"} <= {table.title for table in tables}
+    assert all(
+        "EYES" not in cell for table in differences_section([mixed]).tables for row in table.rows for cell in row
+    )
