@@ -29,6 +29,7 @@ OF_THE_RUN = (
     "seeds",
     "curves",
     "analysed_seed",
+    "shifted",
     "evaluate.stop",
 )
 """Keys that no condition changes for itself."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_serializer, field_validator, model_validator
@@ -17,6 +17,7 @@ from juicer.config import Place, nowhere, parse_config
 from juicer.errors import ConfigError, did_you_mean
 from juicer.policy.config import sampled_in
 from juicer.seed_ranges import SEED_RANGES, Purpose
+from juicer.shifts import Shift
 from juicer.study.curves import Curve, CurveConfig
 from juicer.text import printable
 from juicer.yaml_reading import Keys
@@ -33,9 +34,11 @@ class FlowConfig(LoopConfig):
 
     Attributes:
         conditions: What conditions are made of, by name.
+        shifted: Conditions whose models are measured under the shifts as well; if empty, all of them.
     """
 
     conditions: dict[Name, Condition] = Field(default={}, max_length=MOST_DEFINITIONS)
+    shifted: tuple[Name, ...] = Field(default=(), max_length=MOST_DEFINITIONS)
 
     @field_validator("conditions", mode="before")
     @classmethod
@@ -80,6 +83,10 @@ class FlowConfig(LoopConfig):
             return self
         whole: LoopConfig = self if condition.joint_policy else self.model_copy(update={MIX_KEY: {}})
         return whole.changed(condition.changes, origin, said_at)
+
+    def shifts_of(self, name: str) -> Mapping[str, Shift]:
+        """The shifts under which a condition's models are measured as well."""
+        return self.loop(name).shifts if not self.shifted or name in self.shifted else {}
 
     @property
     @abstractmethod
@@ -288,6 +295,7 @@ def _check_run(config: FlowConfig, place: Place) -> None:
         for each in loops:
             _check_states(each, where)
         _check_analyses(config, name, loop, where)
+        _check_known(config, "shifted", config.shifted)
         if condition.collect:
             largest = min(largest, *(each.largest_seed(condition) for each in loops), math.inf)
     seed = max(seed for _, seed in config.models)
@@ -300,6 +308,13 @@ def _check_run(config: FlowConfig, place: Place) -> None:
         )
 
 
+def _check_known(config: FlowConfig, where: str, conditions: Iterable[str]) -> None:
+    for name in conditions:
+        if name not in config.conditions and shipped(name) is None:
+            near = did_you_mean(name, {**defaults()["conditions"], **config.conditions})
+            raise ValueError(f"{where}: there is no condition '{name}'{near}")
+
+
 def _check_states(loop: LoopConfig, where: str) -> None:
     if loop.evaluate.first + loop.evaluate.episodes > len(SEED_RANGES[Purpose.EVALUATION]):
         raise ValueError(f"{where}initial states to evaluate on run out; lower evaluate.first or evaluate.episodes")
@@ -310,10 +325,7 @@ def _check_states(loop: LoopConfig, where: str) -> None:
 def _check_analyses(config: FlowConfig, name: str, loop: LoopConfig, where: str) -> None:
     policy = loop.final_training(config.method(name), 0).policy
     for key, analysis in loop.analyses.items():
-        for other in analysis.conditions:
-            if other not in config.conditions and shipped(other) is None:
-                near = did_you_mean(other, {**defaults()["conditions"], **config.conditions})
-                raise ValueError(f"{where}analyses.{key}.conditions: there is no condition '{other}'{near}")
+        _check_known(config, f"{where}analyses.{key}.conditions", analysis.conditions)
         draws = policy.draws_samples and analysis.concerns(name, is_first_seed=True)
         if draws and isinstance(analysis, SamplingAnalysis):
             try:

@@ -147,7 +147,7 @@ def run_model(session: Session, config: RunConfig, name: str, seed: int) -> Mode
         observes=observes,
         setting=condition.setting,
         analyses=_analyses(session, config, name, seed, checkpoint),
-        shifted=_evaluate_shifted(session, loop, condition, checkpoint),
+        shifted=_evaluate_shifted(session, config, name, checkpoint),
     )
 
 
@@ -167,19 +167,20 @@ def _analyses(
 
 
 def _evaluate_shifted(
-    session: Session, loop: LoopConfig, condition: Condition, checkpoint: ArtifactRef
+    session: Session, config: RunConfig, name: str, checkpoint: ArtifactRef
 ) -> dict[str, ArtifactRef | None]:
-    """How a model does under each shift that it can notice."""
+    """How a model does under each shift that it can notice, if it is asked."""
+    condition, loop = config.method(name), config.loop(name)
     sees_images = not condition.replay and bool(loop.final_training(condition, seed=0).policy.views_seen)
     return {
-        name: evaluate(
-            session.for_model(f"{session.label} under {name}", session.record),
+        key: evaluate(
+            session.for_model(f"{session.label} under {key}", session.record),
             checkpoint=checkpoint,
             config=loop.evaluation_under(shift),
         )
         if shift.can_be_noticed(sees_images=sees_images)
         else None
-        for name, shift in loop.shifts.items()
+        for key, shift in config.shifts_of(name).items()
     }
 
 

@@ -45,7 +45,8 @@ def full_content(written: Written, runs: list[RunConfig]) -> dict[str, Any]:
     """What was written with all that was left open; of several tasks, only what was said of each."""
     first = runs[0]
     content: dict[str, Any] = {FLOW_KEY: written.values.get(FLOW_KEY, DEFAULT_FLOW)}
-    of_study, of_one = ("conditions", "seeds", "curves", "analysed_seed"), ("conditions", "condition", "seed")
+    of_one = ("conditions", "condition", "seed", "shifted")
+    of_study = ("conditions", "seeds", "curves", "analysed_seed", "shifted")
     own = of_study if content[FLOW_KEY] == "study" else of_one
     of_flow = first.model_dump(mode="json", include=set(own))
     common = {key: value for key, value in written.values.items() if key in LoopConfig.model_fields}
@@ -54,7 +55,7 @@ def full_content(written: Written, runs: list[RunConfig]) -> dict[str, Any]:
     if tasks:
         loop = {key: value for key, value in loop.items() if key != "task"}
     content |= {key: loop.pop(key) for key in ("name", "task", "randomness") if key in loop}
-    loop = {key: of_flow[key] for key in own if of_flow[key] not in ({}, None)} | loop
+    loop = {key: of_flow[key] for key in own if of_flow[key] not in ({}, [], None)} | loop
     content |= {key: value for key, value in loop.items() if not isinstance(value, dict)}
     return content | loop | ({TASKS_KEY: tasks} if tasks else {})
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -48,14 +49,18 @@ def write_report_page(choice: Choice, output: Path, as_json: bool) -> None:
 
 def _known(store: ArtifactStore, run: RunConfig) -> tuple[TaskStudy | None, int, int]:
     """What is known of a run; how many of its models are evaluated, and how many it has."""
-    from flows.running.execution import rows_of
+    from flows.running.execution import analyses_of, rows_of
     from flows.running.plan import evaluated_models
+    from juicer.reporting.analyses import shown_analyses
     from juicer.study.material import task_study
 
     models, planned = evaluated_models(store, run)
     if not models:
         return None, 0, planned
-    return task_study(store, run.task, *rows_of(models), run.drawn_curves), len(models), planned
+    study = task_study(store, run.task, *rows_of(models), run.drawn_curves)
+    refs, rows = analyses_of(models)
+    analyses = tuple(zip(rows, shown_analyses(store, refs, rows), strict=True))
+    return replace(study, analyses=analyses), len(models), planned
 
 
 def _facts(choice: Choice, runs: Sequence[RunConfig], studies: Sequence[TaskStudy]) -> dict[str, str]:

@@ -206,6 +206,16 @@ def rows_of(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tu
     return tuple(ref for ref, _ in pairs), tuple(row for _, row in pairs)
 
 
+def analyses_of(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tuple[AnalysisRow, ...]]:
+    """Analyses of models, and whose they are."""
+    found = [
+        (ref, AnalysisRow(name=name, title=model.title, seed=model.seed))
+        for model in models
+        for name, ref in model.analyses.items()
+    ]
+    return tuple(ref for ref, _ in found), tuple(row for _, row in found)
+
+
 def _row(model: ModelOutcome) -> ReportRow:
     return ReportRow(
         condition=model.condition,
@@ -219,12 +229,12 @@ def _row(model: ModelOutcome) -> ReportRow:
 def write_report(session: Session, config: RunConfig, outcome: RunOutcome) -> ArtifactRef:
     """Make the page about the models."""
     evaluations, rows = rows_of(outcome.models)
-    found = [(model, name, ref) for model in outcome.models for name, ref in model.analyses.items()]
+    analyses, analysis_rows = analyses_of(outcome.models)
     report_config = ReportConfig(
         title=config.name,
         task=config.task,
         rows=rows,
-        analyses=tuple(AnalysisRow(name=name, title=model.title, seed=model.seed) for model, name, _ in found),
+        analyses=analysis_rows,
         curves=config.drawn_curves,
         findings=outcome.findings,
         facts=_facts(config, outcome, session.store),
@@ -234,7 +244,7 @@ def write_report(session: Session, config: RunConfig, outcome: RunOutcome) -> Ar
     return report(
         session.for_model("", session.record),
         evaluations=evaluations,
-        analyses=tuple(ref for _, _, ref in found),
+        analyses=analyses,
         config=report_config,
     )
 

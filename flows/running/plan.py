@@ -85,7 +85,7 @@ def evaluated_models(store: ArtifactStore, config: RunConfig) -> tuple[list[Mode
 
 
 def _as_far_as_known(session: Session, config: RunConfig, models: Sequence[ModelOutcome]) -> list[ModelOutcome]:
-    """Models of a condition with the longest evaluations that all of them have, and the shifted ones that exist."""
+    """Models of a condition with the longest evaluations that all of them have, and what else of them exists."""
     exists = session.store.exists
     most = config.loop(models[0].condition).evaluate.episodes if models else 0
     while models and num_episodes(session, models[0].evaluation) < most:
@@ -94,7 +94,11 @@ def _as_far_as_known(session: Session, config: RunConfig, models: Sequence[Model
             break
         models = further
     return [
-        replace(model, shifted={name: ref for name, ref in model.shifted.items() if ref is None or exists(ref)})
+        replace(
+            model,
+            shifted={name: ref for name, ref in model.shifted.items() if ref is None or exists(ref)},
+            analyses={name: ref for name, ref in model.analyses.items() if exists(ref)},
+        )
         for model in models
     ]
 

@@ -28,6 +28,7 @@ _NOT_IDENTITY = {
     "analyses",
     "analysed_seed",
     "shifts",
+    "shifted",
     "mix",
 }
 """Keys that make no model another one."""

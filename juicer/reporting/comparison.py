@@ -101,6 +101,7 @@ def robustness_table(results: Sequence[ConditionResult]) -> tuple[list[str], lis
     rows = [
         [row.title, _told(row), *(_told(row.shifted[name]) if name in row.shifted else "-" for name in names)]
         for row in results
+        if row.shifted
     ]
     return ["condition", "no shift", *names], rows
 

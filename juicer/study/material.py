@@ -10,7 +10,9 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.config import canonical_json
 from juicer.evaluation import ConditionResult
+from juicer.reporting.analyses import AnalysisRow
 from juicer.reporting.comparison import ReportRow, condition_results
+from juicer.reporting.content import ShownAnalysis
 from juicer.reporting.sources import Sources
 from juicer.study.curves import Curve
 
@@ -45,12 +47,14 @@ class TaskStudy:
         measured: By name of the condition, in order.
         sources: The artifacts behind it.
         curves: What is drawn over several conditions.
+        analyses: What else is known of some of its models, where nothing else tells it.
     """
 
     task: str
     measured: Mapping[str, Measured]
     sources: Sources
     curves: tuple[Curve, ...] = ()
+    analyses: tuple[tuple[AnalysisRow, ShownAnalysis], ...] = ()
 
     def result(self, condition: str) -> ConditionResult | None:
         """Result of a condition, if there is one."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from juicer.reporting.section import Section
+from juicer.study.analyses_section import analyses_section
 from juicer.study.claims import claims_section
 from juicer.study.cost import cost_section
 from juicer.study.curve_section import curve_section
@@ -26,8 +27,8 @@ BESIDE_RATES: tuple[Builder, ...] = (
     learned_section,
     cost_section,
 )
-"""What is told beside success rates, which a run's report has a table of its own for."""
-BUILDERS: tuple[Builder, ...] = (success_section, *BESIDE_RATES)
+"""What is told beside success rates and analyses, which a run's report tells in its own way."""
+BUILDERS: tuple[Builder, ...] = (success_section, analyses_section, *BESIDE_RATES)
 
 
 def sections(studies: Sequence[TaskStudy], builders: Sequence[Builder] = BUILDERS) -> tuple[Section, ...]:

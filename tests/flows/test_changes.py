@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 
+import PIL.Image
 import pytest
 
 from flows.command.cli import call
@@ -223,6 +224,29 @@ def test_the_page_of_a_study_is_written_before_its_evaluations_under_shifts_are_
     assert ([model.evaluation for model in known], planned) == ([model.evaluation for model in outcome.models], 4)
     assert all(not model.shifted for model in known)
     assert [row.title for row in RunOutcome(tuple(known), None).results(store)][:2] == ["BC", "same"]
+
+
+def test_the_page_of_a_study_shows_analyses_and_their_figures(finished, tmp_path, monkeypatch, capsys):
+    folder, store, _, _ = finished
+    sampling = "{kind: sampling, conditions: [bc], samples: 30, inference_steps: [1, 2]}"
+    arguments = [str(folder / "sweep.yaml"), "--set", f"analyses.drawn={sampling}"]
+    (config,) = load_runs(arguments[0], arguments[2:])
+    execute(Session(store, performer=perform_here), config, None)
+    monkeypatch.setenv("JUICER_STORE", str(folder / "data" / "store"))
+    assert call(["report", *arguments, "--output", str(tmp_path / "study.md")]) == 0
+    text = (tmp_path / "study.md").read_text()
+    assert "![one\\_leg, drawn: BC, seed 0](study/one_leg_drawn_BC_0.png)" in text
+    assert "| steps |" in text
+    with PIL.Image.open(tmp_path / "study" / "one_leg_drawn_BC_0.png") as image:
+        assert image.width > 300
+
+
+def test_only_chosen_conditions_are_measured_under_shifts(sweep, tmp_path):
+    (config,) = load_runs(sweep, ["shifts.shoved={kind: push}", "shifted=[bc]"])
+    labels = [each.label for each in calls_of(plan(ArtifactStore(tmp_path / "data"), config), "evaluate")]
+    assert [label for label in labels if "shoved" in label] == ["bc seed 0 under shoved"]
+    with pytest.raises(ConfigError, match="shifted: there is no condition 'bcc'; did you mean 'bc'"):
+        load_runs(sweep, ["shifted=[bcc]"])
 
 
 def test_a_report_says_what_its_conditions_change_of_the_evaluation(finished, capsys):
