@@ -102,6 +102,19 @@ class Condition(StrictConfig):
         """What it changes, in words; empty if nothing."""
         return ", ".join(_told(self.changes))
 
+    @property
+    def method(self) -> str:
+        """Name of the condition that comes with juicer and has the same parts, however often; empty if none has."""
+        parts = Condition.model_fields.keys() - {"title", "rounds", "changes"}
+        return next(
+            (
+                name
+                for name in defaults()["conditions"]
+                if (own := shipped(name)) and all(getattr(own, part) == getattr(self, part) for part in parts)
+            ),
+            "",
+        )
+
     @field_validator("changes")
     @classmethod
     def _are_of_a_condition(cls, changes: dict[str, Any]) -> dict[str, Any]:

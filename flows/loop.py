@@ -56,6 +56,7 @@ class ModelOutcome:
         observes: What it sees, and what it was taught with beside; empty if that is not known.
         analyses: What else was found out about it, by the names in the configuration.
         setting: What its condition changes in the configuration, in words; empty if nothing.
+        method: The condition that comes with juicer and has the same parts; empty if there is none.
     """
 
     condition: str
@@ -68,6 +69,7 @@ class ModelOutcome:
     analyses: Mapping[str, ArtifactRef] = field(default_factory=dict)
     shifted: Mapping[str, ArtifactRef | None] = field(default_factory=dict)
     setting: str = ""
+    method: str = ""
 
 
 @dataclass(frozen=True)
@@ -146,6 +148,7 @@ def run_model(session: Session, config: RunConfig, name: str, seed: int) -> Mode
         finding="; ".join(findings),
         observes=observes,
         setting=condition.setting,
+        method=condition.method,
         analyses=_analyses(session, config, name, seed, checkpoint),
         shifted=_evaluate_shifted(session, config, name, checkpoint),
     )

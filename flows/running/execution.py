@@ -222,6 +222,7 @@ def _row(model: ModelOutcome) -> ReportRow:
         title=model.title,
         seed=model.seed,
         setting=model.setting,
+        method=model.method,
         unnoticed=tuple(name for name, ref in model.shifted.items() if ref is None),
     )
 

@@ -25,6 +25,7 @@ class ReportRow(StrictConfig):
         shift: Name of the shift that it is under, if it is.
         unnoticed: Names of the shifts that the model cannot notice.
         setting: What the condition changes in the configuration, in words; empty if nothing.
+        method: The condition that comes with juicer and has the same parts; empty if there is none.
     """
 
     condition: str
@@ -33,6 +34,7 @@ class ReportRow(StrictConfig):
     shift: str = ""
     unnoticed: tuple[str, ...] = ()
     setting: str = ""
+    method: str = ""
 
     @property
     def label(self) -> str:

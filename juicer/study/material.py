@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from juicer.artifacts.manifest import STATE, Manifest
 from juicer.artifacts.ref import ArtifactRef
@@ -30,12 +30,14 @@ class Measured:
         states: Where its episodes start and how long they may take, as text: only where this is the same are episodes
             of a number to be compared.
         evaluations: Manifests of its models' evaluations.
+        method: The condition that comes with juicer and has the same parts; empty if there is none.
     """
 
     result: ConditionResult
     setting: str
     states: str
     evaluations: tuple[Manifest, ...]
+    method: str = ""
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,20 @@ class TaskStudy:
         return {setting: group for setting, group in groups.items() if len({each.states for each in group}) == 1}
 
 
+def by_setting(study: TaskStudy) -> Iterator[tuple[str, TaskStudy]]:
+    """What conditions change, and the same study of those that change this, under the names of their methods.
+
+    Where several are of one method, such as loops of more and more rounds, the last counts.
+    """
+    for setting in dict.fromkeys(each.setting for each in study.measured.values() if each.setting):
+        alike = {each.method: each for each in study.measured.values() if each.setting == setting and each.method}
+        renamed = {
+            method: replace(each, setting="", result=replace(each.result, condition=method))
+            for method, each in alike.items()
+        }
+        yield setting, replace(study, measured=renamed, curves=())
+
+
 def task_study(
     store: ArtifactStore,
     task: str,
@@ -126,7 +142,8 @@ def task_study(
     for result in condition_results(store, evaluations, rows):
         own = [(ref, row) for ref, row in zip(evaluations, rows, strict=True) if row.condition == result.condition]
         manifests = tuple(store.manifest(ref) for ref, _ in own)
-        measured[result.condition] = Measured(result, own[0][1].setting, _states(manifests[0]), manifests)
+        row = own[0][1]
+        measured[result.condition] = Measured(result, row.setting, _states(manifests[0]), manifests, row.method)
     return TaskStudy(task, measured, sources or Sources(store, evaluations, rows), tuple(curves))
 
 

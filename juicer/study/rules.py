@@ -121,7 +121,7 @@ class ModelsDiffer:
     condition: str
 
     def judge(self, study: TaskStudy) -> Verdict:
-        """What a chi-squared test over the models says."""
+        """What Cochran's test over the models says."""
         if missing := _missing(study, self.condition):
             return Verdict(Ruling.UNTESTED, missing)
         result = study.measured[self.condition].result
@@ -132,7 +132,7 @@ class ModelsDiffer:
         return Verdict(
             ruling,
             f"{result.title}: best {percent(result.best)}, average {percent(result.average)} of {result.num_models} "
-            f"models; p {p_text(p_value)} (chi-squared test)",
+            f"models; p {p_text(p_value)} (Cochran's Q)",
         )
 
 

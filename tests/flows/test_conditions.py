@@ -161,7 +161,7 @@ def test_a_policy_has_what_its_base_has_and_knows_where_that_was_written(tmp_pat
     assert wide.policy == narrow.policy
     assert (wide.training.steps, wide.training.batch_size) == (9000, narrow.training.batch_size)
     written = Choice.of(str(path), None, None, None, None).written()
-    assert written.place(("policies", "wide", "training", "batch_size")) == "presets/laptop.yaml:18"
+    assert written.place(("policies", "wide", "training", "batch_size")) == "presets/laptop.yaml:19"
     assert written.place(("policies", "wide", "training", "steps")).endswith("run.yaml:2")
 
 
@@ -178,3 +178,16 @@ def test_every_configuration_of_the_documentation_is_valid(tmp_path):
     heads = studies["my_heads"]
     assert heads.method("bc_unet").title == "BC, U-Net"
     assert heads.policies["unet"].policy.head.denoiser.channels == (64, 128, 256)
+
+
+def test_a_condition_knows_of_which_method_it_is():
+    (config,) = (run for run in load_runs("paper_study") if run.task == "one_leg")
+    methods = {name: config.method(name).method for name in config.conditions}
+    assert {name: methods[name] for name in ("bc", "ta_ci", "human_mlp_chunked", "ten_ta_ci_4", "med_replay")} == {
+        "bc": "bc",
+        "ta_ci": "ta_ci",
+        "human_mlp_chunked": "mlp_chunked",
+        "ten_ta_ci_4": "ta_ci",
+        "med_replay": "replay",
+    }
+    assert methods["ten_dagger_4"] == methods["med_flow"] == ""

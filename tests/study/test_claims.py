@@ -213,3 +213,19 @@ def test_what_statements_compare_is_in_the_papers_study():
             assert getattr(claim.rule, name, "bc") in one_leg.conditions
         assert set(getattr(claim.rule, "among", ())) <= set(one_leg.conditions)
         assert getattr(claim.rule, "curve", "rounds") in one_leg.curves
+
+
+def test_statements_are_judged_where_more_is_changed_as_well(study, result):
+    human = "record.temperament.kind human"
+    names = {"human_bc": "bc", "human_mlp_chunked": "mlp_chunked", "human_mlp_unchunked": "mlp_unchunked", "own": ""}
+    results = [result(name, *rates) for name, rates in zip(names, RATES_OF_HUMANS, strict=True)]
+    known = study(*results, settings=dict.fromkeys(names, human))
+    known = replace(known, measured={name: replace(each, method=names[name]) for name, each in known.measured.items()})
+    table = next(table for table in claims_section([known]).tables if "where it was tested as well" in table.columns)
+    told = {sentence: (setting, verdict) for sentence, _, setting, verdict, _ in table.rows}
+    assert told["Without action chunks nothing is assembled."] == (human, "holds")
+    assert told["Predicting chunks of actions helps."] == (human, "holds")
+    assert "Corrective snippets help: TA beats BC." not in told
+
+
+RATES_OF_HUMANS = ((0.8, 0.82, 0.81), (0.6, 0.62, 0.61), (0.0, 0.0, 0.0), (0.5, 0.5, 0.5))

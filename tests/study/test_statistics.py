@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
+from juicer.evaluation import ModelResult, summarise
 from juicer.seeding import stream
 from juicer.study.statistics import against, difference_interval, differences, holm, models_differ
 
@@ -98,3 +100,19 @@ def test_models_that_differ_by_chance_are_not_said_to_differ(result):
     assert models_differ(result("bc", 0.2, 0.5, 0.8)) < 0.001
     assert models_differ(result("bc", 1.0, 1.0, 1.0)) == 1.0
     assert models_differ(result("bc", 0.5)) == 1.0
+
+
+def test_models_that_differ_are_found_where_states_are_of_unequal_difficulty():
+    """All models fail where it is hard; episodes taken for independent would hide what is left."""
+    states = tuple(range(100))
+    models = [
+        ModelResult(seed, states, tuple(state < 40 + better for state in states))
+        for seed, better in enumerate((0, 4, 14))
+    ]
+    assert models_differ(summarise("bc", models)) < 0.001
+    # A statistic by hand (Cochran 1950): columns 3 and 1 of 4, rows 2, 1, 1, 0: (2 - 1) (2 * 10 - 16) / (2 * 4 - 6).
+    pair = [
+        ModelResult(0, (0, 1, 2, 3), (True, True, True, False)),
+        ModelResult(1, (0, 1, 2, 3), (True,) + (False,) * 3),
+    ]
+    assert models_differ(summarise("bc", pair)) == pytest.approx(chi2.sf(2.0, 1))
