@@ -142,6 +142,12 @@ def report(
     task: Tasks = None,
     condition: Conditions = None,
     seed: Seeds = None,
+    beside: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--with", metavar="CONFIG", help="Another configuration for the same page, as it stands; repeat it."
+        ),
+    ] = None,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE.md", help="Page to write; drawings go beside it.")
     ] = Path("study.md"),
@@ -151,7 +157,8 @@ def report(
     from flows.command.choice import Choice
     from flows.command.report import write_report_page
 
-    write_report_page(Choice.of(config, overrides, task, condition, seed), output, as_json)
+    chosen = [Choice.of(config, overrides, task, condition, seed), *map(Choice, beside or ())]
+    write_report_page(chosen, output, as_json)
 
 
 @app.command("ls")

@@ -18,27 +18,34 @@ from juicer.text import printable
 
 if TYPE_CHECKING:
     from flows.config import RunConfig
+    from flows.loop import ModelOutcome
     from juicer.artifacts.store import ArtifactStore
     from juicer.study.material import TaskStudy
 
 
-def write_report_page(choice: Choice, output: Path, as_json: bool) -> None:
-    """``juicer report``; computes nothing but the page."""
+def write_report_page(choices: Sequence[Choice], output: Path, as_json: bool) -> None:
+    """``juicer report``, of one configuration or of several together; computes nothing but the page.
+
+    Raises:
+        ConfigError: If the page cannot be written, or two configurations mean different things by one name.
+        NothingLeft: If there are no results yet.
+    """
     check_place(output, "Markdown page", (".md",))
     store = open_store(read_settings())
-    runs = choice.runs()
+    runs = [run for choice in choices for run in choice.runs()]
     from juicer.study.markdown import write_markdown
     from juicer.study.sections import sections
 
-    counted = [_known(store, run) for run in runs]
+    counted = [_known(store, [run for run in runs if run.task == task]) for task in dict.fromkeys(r.task for r in runs)]
     studies = [study for study, _, _ in counted if study]
     evaluated, planned = sum(known for _, known, _ in counted), sum(planned for _, _, planned in counted)
     if not studies:
-        raise NothingLeft(f"no model of {printable(choice.source)} is evaluated yet; `juicer run` does that")
-    facts = _facts(choice, runs, studies) | {"models evaluated": f"{evaluated} of {planned}"}
+        sources = " and ".join(printable(choice.source) for choice in choices)
+        raise NothingLeft(f"no model of {sources} is evaluated yet; `juicer run` does that")
+    facts = _facts(choices, runs, studies) | {"models evaluated": f"{evaluated} of {planned}"}
     shown = printable(output, 500)
     try:
-        files = write_markdown(output, Path(choice.source).stem.replace("_", " "), facts, sections(studies))
+        files = write_markdown(output, Path(choices[0].source).stem.replace("_", " "), facts, sections(studies))
     except OSError as error:
         raise ConfigError(f"'{shown}' cannot be written: {error.strerror or error}; give another file") from None
     if as_json:
@@ -47,28 +54,43 @@ def write_report_page(choice: Choice, output: Path, as_json: bool) -> None:
         say(f"{shown}: {evaluated} of {planned} models, {len(files) - 1} drawings beside it")
 
 
-def _known(store: ArtifactStore, run: RunConfig) -> tuple[TaskStudy | None, int, int]:
-    """What is known of a run; how many of its models are evaluated, and how many it has."""
+def _known(store: ArtifactStore, runs: Sequence[RunConfig]) -> tuple[TaskStudy | None, int, int]:
+    """What is known of runs for one task; how many of their models are evaluated, and how many they have."""
     from flows.running.execution import analyses_of, rows_of
     from flows.running.plan import evaluated_models
     from juicer.reporting.analyses import shown_analyses
     from juicer.study.material import task_study
 
-    models, planned = evaluated_models(store, run)
+    models: dict[tuple[str, int], ModelOutcome] = {}
+    planned = 0
+    for run in runs:
+        found, number = evaluated_models(store, run)
+        planned += number
+        for model in found:
+            known = models.setdefault((model.condition, model.seed), model)
+            if known.evaluation != model.evaluation:
+                raise ConfigError(
+                    f"condition {model.condition} of {run.name} is another one than that of {runs[0].name}; "
+                    "write a page for each"
+                )
     if not models:
         return None, 0, planned
-    study = task_study(store, run.task, *rows_of(models), run.drawn_curves)
-    refs, rows = analyses_of(models)
+    outcomes = list(models.values())
+    study = task_study(store, runs[0].task, *rows_of(outcomes), [curve for run in runs for curve in run.drawn_curves])
+    refs, rows = analyses_of(outcomes)
     analyses = tuple(zip(rows, shown_analyses(store, refs, rows), strict=True))
-    return replace(study, analyses=analyses), len(models), planned
+    return replace(study, analyses=analyses), len(outcomes), planned
 
 
-def _facts(choice: Choice, runs: Sequence[RunConfig], studies: Sequence[TaskStudy]) -> dict[str, str]:
+def _facts(choices: Sequence[Choice], runs: Sequence[RunConfig], studies: Sequence[TaskStudy]) -> dict[str, str]:
     """What the page was made of, and how it is made again."""
+    first, *others = choices
+    beside = "".join(f" --with {choice.source}" for choice in others)
+    commands = [*(f"juicer run {choice.source}" for choice in choices), f"juicer report {first.source}{beside}"]
     facts = {
         "made on": date.today().isoformat(),
-        "made again by": f"juicer run {choice.source}; juicer report {choice.source}",
-        "changed by": ", ".join(choice.overrides),
+        "made again by": "; ".join(commands),
+        "changed by": ", ".join(first.overrides),
         "tasks": ", ".join(study.task for study in studies),
         "randomness, unless said otherwise": ", ".join(dict.fromkeys(run.randomness.value for run in runs)),
         **_joined([study.sources.origins() for study in studies]),

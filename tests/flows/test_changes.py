@@ -241,6 +241,24 @@ def test_the_page_of_a_study_shows_analyses_and_their_figures(finished, tmp_path
         assert image.width > 300
 
 
+def test_several_configurations_share_a_page(finished, tmp_path, monkeypatch, capsys):
+    folder, _, _, _ = finished
+    monkeypatch.setenv("JUICER_STORE", str(folder / "data" / "store"))
+    own = SWEEP.replace("  bc: {}", "  seen: {title: Another}").replace("[bc, longer]", "[seen, longer]")
+    other = str(write(tmp_path / "other.yaml", own.replace("name: sweep", "name: other")))
+    page = tmp_path / "study.md"
+    arguments = ["report", str(folder / "sweep.yaml"), "--condition", "bc", "--with", other, "--output", str(page)]
+    assert call([*arguments, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["evaluated"] == 5
+    text = page.read_text()
+    assert f"| made again by | juicer run {folder}" in text.replace("\\_", "_")
+    assert all(f"| {title} |" in text for title in ("BC", "Another", "BC, longer"))
+    write(tmp_path / "other.yaml", SWEEP.replace("episodes: 2,", "episodes: 3,"))
+    assert call(["run", str(tmp_path / "other.yaml"), "--condition", "bc"]) == 0
+    assert call(arguments) == 1
+    assert "condition bc of sweep is another one than that of sweep; write a page for each" in capsys.readouterr().err
+
+
 def test_only_chosen_conditions_are_measured_under_shifts(sweep, tmp_path):
     (config,) = load_runs(sweep, ["shifts.shoved={kind: push}", "shifted=[bc]"])
     labels = [each.label for each in calls_of(plan(ArtifactStore(tmp_path / "data"), config), "evaluate")]
