@@ -69,7 +69,7 @@ def test_fifty_proposals_are_judged_and_ten_wrong_ones_corrected(fill, served, b
     said = read_versions(versions)
     assert {label.step for label in agreed_labels(said, versions)} == {RIGHT_STEP}
     measures = measure(said)
-    assert measures.demonstrations == 50
+    assert measures.judged == 50
     assert measures.keys == keys / 50 < 1.3
     assert measures.agreement == 42 / 50
     assert seconds < 120
@@ -77,7 +77,7 @@ def test_fifty_proposals_are_judged_and_ten_wrong_ones_corrected(fill, served, b
     paper = PAPER_TABLE_IV["one_leg"]
     rows = (
         ("", "here", "paper"),
-        ("demonstrations annotated", str(measures.demonstrations), "50"),
+        ("demonstrations annotated", str(measures.judged), "50"),
         ("minutes", f"{seconds / 60:.2f}", str(paper.annotating_min)),
         ("seconds a demonstration", f"{seconds / 50:.2f}", f"{paper.annotating_min * 60 / 50:.0f}"),
         ("keys a demonstration", f"{measures.keys:.2f}", "-"),
@@ -101,7 +101,7 @@ def test_what_is_sure_is_accepted_together_after_a_sample_of_five(fill, served, 
     browser.until("document.querySelector('#judging').hidden")
     time.sleep(1)
     measures = measure(read_versions(versions))
-    assert (measures.demonstrations, measures.keys) == (30, 11 / 30)
+    assert (measures.judged, measures.keys) == (30, 11 / 30)
     browser.press("KeyU")
     browser.until("document.querySelector('#progress').textContent.startsWith('10 of 30 marked')")
 

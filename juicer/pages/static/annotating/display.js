@@ -182,7 +182,7 @@ export class Display {
     const paper = this.setting.paper;
     const shown = (value, digits, unit = "") => (value === null ? "–" : `${value.toFixed(digits)}${unit}`);
     const rows = [
-      ["demonstrations", found.demonstrations, paper ? 50 : "–"],
+      ["demonstrations judged", found.judged, paper ? 50 : "–"],
       ["minutes", shown(found.minutes, 1), paper ? paper.annotating_min : "–"],
       ["seconds a demonstration", shown(found.seconds, 1), paper ? (paper.annotating_min * 60 / 50).toFixed(0) : "–"],
       ["keys a demonstration", shown(found.keys, 2), "–"],
