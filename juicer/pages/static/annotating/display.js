@@ -30,7 +30,7 @@ export class Display {
     this.side = 5;
   }
 
-  show({ entry, cursor, queue, author, which, signals, audit }) {
+  show({ entry, cursor, queue, author, which, signals, sample }) {
     element("judging").hidden = !entry;
     element("nothing").hidden = Boolean(entry);
     element("expected").hidden = !entry;
@@ -38,7 +38,7 @@ export class Display {
     const failed = queue.entries.filter((each) => each.pending?.failed || each.pending?.refused).length;
     const marked = queue.entries.filter((each) => each.opinions.length || each.pending).length;
     element("progress").textContent = `${marked} of ${queue.entries.length} marked, ${left} to go`
-      + (audit ? `; sample: ${audit.left} to go` : "") + (failed ? `; ${failed} not saved` : "");
+      + (sample ? `; sample: ${sample} to go` : "") + (failed ? `; ${failed} not saved` : "");
     if (!entry) return this.#showNothing(queue, left);
     const state = this.setting.states[entry.state];
     element("what").textContent = state.name;
