@@ -18,7 +18,8 @@ from juicer.annotation.standing import agreed_labels
 from juicer.annotation.versions import Entry, read_versions, save
 from juicer.episode import Source
 from juicer.reporting.paper import PAPER_TABLE_IV
-from tests.pages.annotating.conftest import RIGHT_STEP
+from juicer.sim.env import AssemblyEnv
+from tests.pages.annotating.conftest import RIGHT_STEP, propose_for
 
 pytestmark = [
     pytest.mark.slow,
@@ -27,6 +28,13 @@ pytestmark = [
 
 OFF = (10,) * 5 + (-1,) * 2 + (-11,) * 3
 """By how much ten proposals are wrong."""
+
+EXAMPLES = """(() => {
+  if (document.querySelector('#examples').hidden) return null;
+  const step = (id) => document.querySelector(id).src.match(/([0-9]+)\\.jpg/)[1];
+  return [step('#right'), document.querySelector('#right-text').textContent, step('#wrong')];
+})()"""
+"""Steps of the examples that are shown, and what the right one is said to show."""
 
 
 @pytest.fixture
@@ -299,6 +307,7 @@ def test_a_correction_of_which_nothing_was_found_is_marked_by_hand(fill, served,
     browser.until(READY)
     assert "nothing was proposed" in browser.evaluate("document.querySelector('#doubt').textContent")
     assert "○ missing" in browser.evaluate("document.querySelector('#marks').textContent")
+    assert browser.evaluate("document.querySelector('#examples').hidden")
     browser.press("Home")
     hold(browser, "ArrowRight", 6)
     browser.press("Enter")
@@ -307,6 +316,27 @@ def test_a_correction_of_which_nothing_was_found_is_marked_by_hand(fill, served,
     # What somebody has marked serves as the example.
     browser.press("KeyU")
     browser.until("!document.querySelector('#judging').hidden")
+
+
+def test_examples_are_of_the_critical_state_that_is_judged(tmp_path, episode_factory, served, browser):
+    env = AssemblyEnv("lamp")
+    env.reset(seed=0)
+    episode = episode_factory(30, task="lamp", num_parts=3, sim_state_size=len(env.get_state()))
+    episode.steps["sim_state"][:] = env.get_state()
+    episode.final["sim_state"][:] = env.get_state()
+    begin(browser, served, propose_for(tmp_path, episode, {1: 4, 2: 9}, 0.8).id)
+    browser.until("!document.querySelector('#judging').hidden")
+    shown = []
+    for _ in range(5):
+        shown.append(browser.evaluate(EXAMPLES))
+        browser.press("ArrowDown")
+    assert shown == [
+        None,
+        ["4", "the gripper is open, and still a little away from the bulb", "19"],
+        ["9", "the bulb is held, and still clear of what it goes into", "24"],
+        None,
+        None,
+    ]
 
 
 def test_a_machine_that_cannot_draw_says_so_once_and_is_left_alone(fill, tmp_path, browser):

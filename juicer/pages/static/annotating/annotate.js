@@ -76,6 +76,7 @@ function go(to) {
   entry = to;
   if (entry) {
     cursor = startOf(entry, author());
+    display.examples(queue.entries, entry.state);
     prefetch(entry);
     const second = queue.next(entry, which(), author());
     prefetch(second);
@@ -364,7 +365,6 @@ async function start() {
     if (work.ready) {
       queue = new Queue(work.episodes);
       display.measures(work.measures);
-      display.examples(queue.entries);
       go(queue.next(null, which(), author()));
       element(author() ? "timeline" : "author").focus();
       return;

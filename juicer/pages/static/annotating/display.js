@@ -7,6 +7,8 @@ import { drawTimeline } from "./timeline.js";
 const VIEWS = ["front", "close", "wrist"];
 const STRIP = ["close", "wrist"];
 const NARROW = 640;
+const MORE_LIKELY_THAN_NOT = 0.5;
+const LATE_STEPS = 15;
 
 export const element = (id) => document.getElementById(id);
 
@@ -194,19 +196,27 @@ export class Display {
       made("th", { scope: "row" }, name), ...values.map((value) => made("td", { class: "number" }, String(value))))));
   }
 
-  /** A right and a wrong example, of the demonstration whose proposal is surest. */
-  examples(entries) {
-    const found = entries.filter((each) => each.proposal && each.proposal.confidence > 0.5 && each.state === 0).at(-1);
+  /** A right and a wrong example of a critical state: of the surest that people agree on, or that was proposed. */
+  examples(entries, state) {
+    const { right, wrong } = this.setting.states[state];
+    const stepOf = (each) => each.agreed ?? (each.proposal?.confidence > MORE_LIKELY_THAN_NOT ? each.proposal.step : null);
+    const sureness = (each) => each.proposal?.confidence ?? 0;
+    const [found] = entries.filter((each) => each.state === state && stepOf(each) !== null)
+      .sort((one, other) => sureness(other) - sureness(one));
     element("examples").hidden = !found;
     if (!found) return;
-    const late = Math.min(found.episode.steps - 1, found.proposal.step + 15);
-    const address = (step) => `${this.setting.address}/${found.episode.id}/${step}.jpg?count=1&view=close`;
-    element("right").src = address(found.proposal.step);
-    element("wrong").src = address(late);
-    element("right-text").textContent = "held, and still clear of the other part";
-    element("wrong-text").textContent = "15 steps later: it touches already";
-    element("right").alt = "Right: the part is held just above its place";
-    element("wrong").alt = "Wrong: the part is in its place already";
+    const step = stepOf(found);
+    const late = Math.min(found.episode.steps - 1, step + LATE_STEPS);
+    this.#example("right", found, step, right);
+    this.#example("wrong", found, late, `${late - step} steps later: ${wrong}`);
+  }
+
+  #example(id, { episode }, step, words) {
+    const address = `${this.setting.address}/${episode.id}/${step}.jpg?count=1&view=close`;
+    const image = element(id);
+    if (image.getAttribute("src") !== address) image.src = address;
+    image.alt = `Step ${step}: ${words}`;
+    element(`${id}-text`).textContent = words;
   }
 
   keyRow(keys, words) {
