@@ -18,14 +18,18 @@ PEOPLE = "people"
 class Measures:
     """Measures of versions; a mean or share of nothing is None.
 
+    What annotating took is known of the page alone. Two people who judge the same demonstration there have judged two.
+
     Attributes:
         demonstrations: Of how many something stands.
         marks: Critical states about which something stands.
         disputed: Of these, those on which annotators disagree.
+        elsewhere: Of these, those of which nothing that stands was said on the page.
         annotators: How many people said something.
-        keys: Keys and clicks a demonstration.
-        seconds: Seconds a demonstration.
-        minutes: Minutes in total.
+        judged: Demonstrations judged on the page, counted for each annotator.
+        keys: Keys and clicks for a demonstration judged on the page.
+        seconds: Seconds for the same.
+        minutes: Minutes in total on the page.
         undone: Marks that were taken back.
         agreement: Share of marks that had a proposal and say the same as it does, see :data:`SAME_STEPS`.
         steps_from_proposal: Mean distance of marks from their proposals.
@@ -37,7 +41,9 @@ class Measures:
     demonstrations: int
     marks: int
     disputed: int
+    elsewhere: int
     annotators: int
+    judged: int
     keys: float | None
     seconds: float | None
     minutes: float
@@ -51,8 +57,14 @@ class Measures:
 def measure(versions: Sequence[Version]) -> Measures:
     """Measure versions, e.g. those about the episodes of one artifact."""
     stands = {key: each for key, each in standing(versions).items() if each.opinions}
-    demonstrations = len({episode for episode, _ in stands})
-    seconds = sum(version.seconds for version in versions)
+    on_page = [version for version in versions if version.is_from_page]
+    undone = {version.undoes for version in versions}
+    judged = {
+        (version.author, version.episode)
+        for version in on_page
+        if version.undoes is None and version.version not in undone
+    }
+    seconds = sum(version.seconds for version in on_page)
     off = [
         abs(version.step - version.proposal)
         for each in stands.values()
@@ -61,12 +73,14 @@ def measure(versions: Sequence[Version]) -> Measures:
     ]
     apart = list(_distances(versions))
     return Measures(
-        demonstrations=demonstrations,
+        demonstrations=len({episode for episode, _ in stands}),
         marks=len(stands),
         disputed=sum(each.is_disputed for each in stands.values()),
+        elsewhere=sum(not any(version.is_from_page for version in each.opinions) for each in stands.values()),
         annotators=len({version.author for version in versions}),
-        keys=sum(version.keys for version in versions) / demonstrations if demonstrations else None,
-        seconds=seconds / demonstrations if demonstrations else None,
+        judged=len(judged),
+        keys=sum(version.keys for version in on_page) / len(judged) if judged else None,
+        seconds=seconds / len(judged) if judged else None,
         minutes=seconds / 60,
         undone=sum(version.undoes is not None for version in versions),
         agreement=fmean(steps <= SAME_STEPS for steps in off) if off else None,

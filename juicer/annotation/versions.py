@@ -30,6 +30,9 @@ from juicer.text import printable
 
 ENDING = ".versions.jsonl"
 
+PAGE = "page"
+"""How the tool of what is said on the page ends, after juicer's version and a comma."""
+
 MOST_BYTES = 2**24
 """Largest file: room for some fifty thousand versions."""
 
@@ -92,6 +95,11 @@ class Entry(StrictConfig):
     def key(self) -> Key:
         """Episode and critical state that it is about."""
         return self.episode, self.critical_state
+
+    @property
+    def is_from_page(self) -> bool:
+        """Whether it was said on the page, of whatever version of juicer, so that what it took is known."""
+        return self.tool.endswith(f", {PAGE}")
 
 
 class Version(Entry):

@@ -74,14 +74,14 @@ def _demonstrated(study: TaskStudy) -> Iterator[tuple[str, ...]]:
 def _annotated(studies: Sequence[TaskStudy]) -> Iterator[Table]:
     """What people did on the page, if anybody annotated there."""
     columns = (
-        "task", "demonstrations", "annotators", "minutes", "minutes for 50", "seconds each", "keys each",
+        "task", "demonstrations judged", "annotators", "minutes", "minutes for 50", "seconds each", "keys each",
         "agree with the proposal", "steps between annotators", "disputed", "paper: annotating 50, min",
     )  # fmt: skip
     rows = tuple(
         _measured(study.task, each.summary[PEOPLE])
         for study in studies
         for each in study.behind
-        if each.recipe.stage == "annotate" and each.summary.get(PEOPLE) and study.sources.task_of(each) == study.task
+        if each.summary.get(PEOPLE, {}).get("minutes") and study.sources.task_of(each) == study.task
     )
     if rows:
         yield Table(columns, rows, "Annotation, as the page measured it")
@@ -96,7 +96,7 @@ def _measured(task: str, people: Mapping[str, Any]) -> tuple[str, ...]:
 
     return (
         task,
-        shown("demonstrations", "d"),
+        shown("judged", "d"),
         shown("annotators", "d"),
         shown("minutes", ".1f"),
         shown("seconds", ".1f", 50 / 60),
@@ -135,11 +135,13 @@ def _spent(study: TaskStudy, made_of: Iterable[Manifest]) -> dict[str, float]:
 def _minutes(manifest: Manifest, study: TaskStudy) -> float:
     """Minutes of a human in what an artifact brings in."""
     summary = manifest.summary
-    if PEOPLE in summary:
-        return float(summary[PEOPLE]["minutes"])
     if manifest.recipe.stage == "annotate":
         paper = PAPER_TABLE_IV.get(study.sources.task_of(manifest))
         each_s = 60 * paper.annotating_min / (50 * paper.critical_states) if paper else LABEL_S
+        if PEOPLE in summary:
+            people = summary[PEOPLE]
+            # Annotations of an earlier juicer do not tell what was marked elsewhere than on the page.
+            return float(people["minutes"]) + each_s * int(people.get("elsewhere", 0)) / 60
         return each_s * int(summary["critical_states"]) / 60
     if manifest.recipe.stage == "correct":
         return minutes_of(summary["human_steps"])

@@ -197,17 +197,31 @@ def test_what_was_confirmed_before_a_kill_is_there(path: Path):
     save(path, [said(3)])
 
 
+def on_page(step: int | None, keys: int, seconds: float, author: str = "Ada", **more) -> Entry:
+    return said(step, author, keys=keys, seconds=seconds, tool="juicer 0.1, page", **more)
+
+
 def test_measures_are_of_what_people_did(path: Path):
-    save(
-        path, [said(140, keys=1, seconds=2.0, proposal=140), said(155, keys=4, seconds=6, proposal=150, episode=OTHER)]
-    )
-    save(path, [said(140, "Bob", after=1, keys=1, seconds=1.0, proposal=140)])
-    save(path, [said(None, after=2, undoes=2, keys=1, seconds=1.0, episode=OTHER)])
-    save(path, [said(149, after=4, keys=1, seconds=2.0, proposal=150, episode=OTHER)])
+    save(path, [on_page(140, 1, 2.0, proposal=140), on_page(155, 4, 6, proposal=150, episode=OTHER)])
+    save(path, [on_page(140, 1, 1.0, "Bob", after=1, proposal=140)])
+    save(path, [on_page(None, 1, 1.0, after=2, undoes=2, episode=OTHER)])
+    save(path, [on_page(149, 1, 2.0, after=4, proposal=150, episode=OTHER)])
     measures = measure(read_versions(path))
     assert (measures.demonstrations, measures.marks, measures.annotators, measures.undone) == (2, 2, 2, 1)
-    assert (measures.keys, measures.seconds, measures.minutes) == (4.0, 6.0, 0.2)
+    assert (measures.judged, measures.keys, measures.seconds, measures.minutes) == (3, 8 / 3, 4.0, 0.2)
     assert measures.agreement == 1.0
     assert measures.steps_from_proposal == pytest.approx(1 / 3)
     assert (measures.steps_between_annotators, measures.compared) == (0, 1)
     assert measure([]).keys is None
+
+
+def test_what_was_imported_says_nothing_of_what_judging_a_demonstration_took(path: Path):
+    imported = [said(140, episode=f"{number:016x}", tool="juicer 0.1, import") for number in range(25)]
+    save(path, [*imported, *(on_page(140, 2, 12.0, episode=f"{number:016x}") for number in range(25, 50))])
+    measures = measure(read_versions(path))
+    assert (measures.demonstrations, measures.elsewhere) == (50, 25)
+    assert (measures.judged, measures.keys, measures.seconds, measures.minutes) == (25, 2.0, 12.0, 5.0)
+    assert measure(read_versions(path)[:25]).seconds is None
+    # What somebody marks on the page as well is no longer from elsewhere alone.
+    save(path, [on_page(140, 1, 3.0, "Bob", episode=f"{0:016x}", after=1)])
+    assert measure(read_versions(path)).elsewhere == 24

@@ -181,7 +181,7 @@ def test_what_people_agree_on_overrides_and_what_it_took_is_told(loop, tmp_path)
     reader = EpisodeReader(loop.store.open(loop.demonstrations))
     first, second = reader.read(0), reader.read(1)
     path = versions_path(tmp_path, "one_leg")
-    said = {"critical_state": 0, "keys": 2, "seconds": 3.0}
+    said = {"critical_state": 0, "keys": 2, "seconds": 3.0, "tool": "juicer 0.1, page"}
     save(path, [Entry(episode=first.record.episode_id, step=first.recorded_step(5), after=0, author="Ada", **said)])
     save(path, [Entry(episode=second.record.episode_id, step=second.recorded_step(5), after=0, author="Ada", **said)])
     save(path, [Entry(episode=second.record.episode_id, step=second.recorded_step(50), after=2, author="Bob", **said)])
@@ -190,7 +190,8 @@ def test_what_people_agree_on_overrides_and_what_it_took_is_told(loop, tmp_path)
     rows = read_annotations(loop.store.open(ref))
     assert [(row.author, row.step == 5) for row in rows] == [("human", True), ("proposed", False)]
     people = summary(loop, ref)["people"]
-    assert (people["demonstrations"], people["disputed"], people["keys"], people["seconds"]) == (2, 1, 3.0, 4.5)
+    assert (people["demonstrations"], people["disputed"]) == (2, 1)
+    assert (people["judged"], people["keys"], people["seconds"]) == (3, 2.0, 3.0)
     path.write_text(path.read_text() + "nonsense\n")
     with pytest.raises(InvalidLabels, match="line 5: it is not JSON"):
         annotate(loop.session, episodes=loop.demonstrations, labels=path, config=AnnotationConfig())

@@ -69,7 +69,15 @@ def test_policies_that_were_shown_nothing_have_no_such_section(made):
 
 def test_what_the_page_measured_stands_beside_the_papers_minutes(made):
     logs = demonstrated(made, operator_minutes=4.0)
-    people = {"demonstrations": 2, "annotators": 2, "minutes": 0.5, "seconds": 15.0, "keys": 1.5, "agreement": 0.5}
+    people = {
+        "demonstrations": 2,
+        "judged": 2,
+        "annotators": 2,
+        "minutes": 0.5,
+        "seconds": 15.0,
+        "keys": 1.5,
+        "agreement": 0.5,
+    }
     summary = {"critical_states": 2, "authors": {"human": 2}, "people": people | {"disputed": 0}}
     labels = made.artifact("annotate", "annotations", inputs={"episodes": (logs,)}, summary=summary)
     made.evaluation("ta", made.artifact("train", "checkpoint", inputs={"annotations": (labels,)}))
@@ -78,3 +86,16 @@ def test_what_the_page_measured_stands_beside_the_papers_minutes(made):
     _, measured, by_condition = section.tables
     assert measured.rows == (("one_leg", "2", "2", "0.5", "12.5", "15.0", "1.50", "50%", "-", "0", "10"),)
     assert by_condition.rows[0][2] == "0.5"
+
+
+@pytest.mark.parametrize(("minutes", "elsewhere", "shown"), [(5.0, 25, "10.0"), (0.0, 50, "10.0")])
+def test_labels_that_people_brought_from_elsewhere_cost_what_the_papers_did(made, minutes, elsewhere, shown):
+    logs = demonstrated(made, operator_minutes=4.0)
+    people = {"demonstrations": 50, "judged": 50 - elsewhere, "minutes": minutes, "elsewhere": elsewhere}
+    summary = {"critical_states": 50, "authors": {"human": 50}, "people": people}
+    labels = made.artifact("annotate", "annotations", inputs={"episodes": (logs,)}, summary=summary)
+    made.evaluation("ta", made.artifact("train", "checkpoint", inputs={"annotations": (labels,)}))
+    section = effort_section([made.study])
+    assert section is not None
+    assert section.tables[-1].rows[0][2] == shown
+    assert len(section.tables) == (3 if minutes else 2), "what the page measured is told if it measured anything"

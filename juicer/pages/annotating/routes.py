@@ -48,7 +48,7 @@ def annotate(request: Request, workplace: TheWorkplace, name: str) -> Response:
     ref, desk = desk_of(workplace, name)
     setting = {
         "address": f"/annotate/{ref.id}",
-        "states": [{"name": name, "definition": explain(desk.task, index)} for index, name in enumerate(desk.names)],
+        "states": [{"name": name, **asdict(explain(desk.task, index))} for index, name in enumerate(desk.names)],
         "sheet": {"width": WIDTH, "height": HEIGHT, "steps": STEPS, "views": list(VIEWS)},
         "same": SAME_STEPS,
         "paper": asdict(PAPER_TABLE_IV[desk.task.name]) if desk.task.name in PAPER_TABLE_IV else None,

@@ -8,12 +8,12 @@ from pydantic import Field
 
 from juicer import __version__
 from juicer.annotation.standing import standing
-from juicer.annotation.versions import Author, Entry, Version, read_versions, save
+from juicer.annotation.versions import PAGE, Author, Entry, Version, read_versions, save
 from juicer.config import StrictConfig
 from juicer.errors import AnnotationConflict
 from juicer.pages.annotating.desk import Desk
 
-TOOL = f"juicer {__version__}, page"
+TOOL = f"juicer {__version__}, {PAGE}"
 MOST_MARKS = 2000
 
 

@@ -147,8 +147,6 @@ addEventListener("keydown", (event) => {
     show(moves[event.code](event.shiftKey ? 10 : 1));
   } else if (event.code === "Space" && !at.matches("button")) {
     toggle();
-  } else if (event.code === "PageUp" || event.code === "PageDown") {
-    document.querySelector(event.code === "PageUp" ? 'a[rel="prev"]' : 'a[rel="next"]')?.click();
   } else return;
   event.preventDefault();
 });

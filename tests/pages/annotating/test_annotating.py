@@ -16,8 +16,10 @@ from benchmarks.page.server import Server, serving
 from juicer.annotation.measures import measure
 from juicer.annotation.standing import agreed_labels
 from juicer.annotation.versions import Entry, read_versions, save
+from juicer.episode import Source
 from juicer.reporting.paper import PAPER_TABLE_IV
-from tests.pages.annotating.conftest import RIGHT_STEP
+from juicer.sim.env import AssemblyEnv
+from tests.pages.annotating.conftest import RIGHT_STEP, propose_for
 
 pytestmark = [
     pytest.mark.slow,
@@ -26,6 +28,13 @@ pytestmark = [
 
 OFF = (10,) * 5 + (-1,) * 2 + (-11,) * 3
 """By how much ten proposals are wrong."""
+
+EXAMPLES = """(() => {
+  if (document.querySelector('#examples').hidden) return null;
+  const step = (id) => document.querySelector(id).src.match(/([0-9]+)\\.jpg/)[1];
+  return [step('#right'), document.querySelector('#right-text').textContent, step('#wrong')];
+})()"""
+"""Steps of the examples that are shown, and what the right one is said to show."""
 
 
 @pytest.fixture
@@ -69,7 +78,7 @@ def test_fifty_proposals_are_judged_and_ten_wrong_ones_corrected(fill, served, b
     said = read_versions(versions)
     assert {label.step for label in agreed_labels(said, versions)} == {RIGHT_STEP}
     measures = measure(said)
-    assert measures.demonstrations == 50
+    assert measures.judged == 50
     assert measures.keys == keys / 50 < 1.3
     assert measures.agreement == 42 / 50
     assert seconds < 120
@@ -77,7 +86,7 @@ def test_fifty_proposals_are_judged_and_ten_wrong_ones_corrected(fill, served, b
     paper = PAPER_TABLE_IV["one_leg"]
     rows = (
         ("", "here", "paper"),
-        ("demonstrations annotated", str(measures.demonstrations), "50"),
+        ("demonstrations annotated", str(measures.judged), "50"),
         ("minutes", f"{seconds / 60:.2f}", str(paper.annotating_min)),
         ("seconds a demonstration", f"{seconds / 50:.2f}", f"{paper.annotating_min * 60 / 50:.0f}"),
         ("keys a demonstration", f"{measures.keys:.2f}", "-"),
@@ -101,7 +110,7 @@ def test_what_is_sure_is_accepted_together_after_a_sample_of_five(fill, served, 
     browser.until("document.querySelector('#judging').hidden")
     time.sleep(1)
     measures = measure(read_versions(versions))
-    assert (measures.demonstrations, measures.keys) == (30, 11 / 30)
+    assert (measures.judged, measures.keys) == (30, 11 / 30)
     browser.press("KeyU")
     browser.until("document.querySelector('#progress').textContent.startsWith('10 of 30 marked')")
 
@@ -129,11 +138,11 @@ def test_what_cannot_be_saved_is_kept_and_saved_when_it_can_be(fill, served, bro
     browser.until(READY)
     versions.parent.write_text("a file stands here")
     browser.press("Enter")
-    browser.until("!document.querySelector('#trouble').hidden")
-    assert "1 not saved, but kept here" in browser.evaluate("document.querySelector('#trouble').textContent")
+    browser.until("!document.querySelector('#unsaved').hidden")
+    assert "1 not saved, but kept here" in browser.evaluate("document.querySelector('#unsaved').textContent")
     versions.parent.unlink()
     browser.press("Enter")
-    browser.until("document.querySelector('#trouble').hidden")
+    browser.until("document.querySelector('#unsaved').hidden")
     browser.until(READY)
     browser.press("Enter")
     browser.until("document.querySelector('#progress').textContent.startsWith('2 of 2 marked, 0 to go')")
@@ -156,3 +165,187 @@ def test_letters_can_be_switched_off(fill, served, browser):
         browser.press(code)
     browser.until(f"document.querySelector('#timeline').getAttribute('aria-valuenow') === '{RIGHT_STEP + 2}'")
     assert step() == RIGHT_STEP + 2
+
+
+def progress(browser: Chromium, begins: str) -> None:
+    browser.until(f"document.querySelector('#progress').textContent.startsWith('{begins}')")
+
+
+def hold(browser: Chromium, code: str, times: int) -> None:
+    """Press a key, and hold it until it has repeated itself a few times."""
+    browser.key_down(code)
+    key = {"KeyU": "u"}.get(code, code)
+    for _ in range(times):
+        browser.call("Input.dispatchKeyEvent", type="rawKeyDown", key=key, code=code, autoRepeat=True)
+    browser.key_up(code)
+
+
+def steps_said(versions: Path, author: str, count: int) -> set[int | None]:
+    """Steps that somebody has marked, once there are so many versions in all."""
+    end = time.monotonic() + 30
+    while len(said := read_versions(versions)) < count and time.monotonic() < end:
+        time.sleep(0.05)
+    assert len(said) == count
+    return {version.step for version in said if version.author == author}
+
+
+def test_of_marks_saved_together_only_the_one_that_somebody_contradicts_waits(fill, served, browser, versions):
+    begin(browser, served, fill((3, 3, 3)).id)
+    versions.parent.write_text("a file stands here")
+    for number in range(3):
+        browser.until(READY)
+        correct(browser, 3)
+        # By its button: Enter would try again to save the first.
+        browser.evaluate("document.querySelector('#accept').click()")
+        told = f"{number + 1} not saved, but kept here"
+        browser.until(f"document.querySelector('#unsaved').textContent.includes('{told}')")
+    versions.parent.unlink()
+    save(versions, [Entry(episode=f"{1:016x}", critical_state=0, step=30, after=0, author="Bob")])
+    browser.press("Enter")
+    browser.until("!document.querySelector('#conflict').hidden")
+    shown = browser.evaluate("document.querySelector('#conflict').textContent")
+    assert "Bob: step 30" in shown
+    assert f"Ada (not saved yet): step {RIGHT_STEP}" in shown
+    assert steps_said(versions, "Ada", 3) == {RIGHT_STEP}
+    browser.press("Digit2")
+    progress(browser, "3 of 3 marked, 0 to go")
+    assert steps_said(versions, "Ada", 4) == {RIGHT_STEP}
+    assert {label.step for label in agreed_labels(read_versions(versions), versions)} == {RIGHT_STEP}
+
+
+def test_a_mark_that_was_made_and_undone_elsewhere_does_not_take_ones_own_away(fill, served, browser, versions):
+    begin(browser, served, fill((1,)).id)
+    browser.until(READY)
+    other = {"episode": f"{0:016x}", "critical_state": 0, "author": "Bob"}
+    save(versions, [Entry(step=30, after=0, **other)])
+    save(versions, [Entry(step=None, after=1, undoes=1, **other)])
+    correct(browser, 1)
+    browser.press("Enter")
+    assert steps_said(versions, "Ada", 3) == {RIGHT_STEP}
+    browser.until("document.querySelector('#judging').hidden")
+
+
+def test_the_same_critical_state_marked_twice_in_a_row_is_saved_as_it_was_marked_last(fill, served, browser, versions):
+    begin(browser, served, fill((1,)).id)
+    browser.until(READY)
+    # Both at once: the second is made before the first is answered.
+    key = "document.body.dispatchEvent(new KeyboardEvent('keydown', {{key: '{}', bubbles: true}}))"
+    browser.evaluate("; ".join(key.format(each) for each in (" ", "ArrowLeft", " ")))
+    assert steps_said(versions, "Ada", 2) == {RIGHT_STEP + 1, RIGHT_STEP}
+    assert [label.step for label in agreed_labels(read_versions(versions), versions)] == [RIGHT_STEP]
+    assert browser.evaluate("document.querySelector('#unsaved').hidden")
+
+
+def test_one_of_the_sample_that_was_wrong_on_a_second_look_ends_it(fill, served, browser, versions):
+    begin(browser, served, fill((0,) * 12).id)
+    for _ in range(5):
+        browser.until(READY)
+        browser.press("Enter")
+    browser.until("!document.querySelector('#offer').hidden")
+    browser.press("KeyA")
+    for key in ("Enter", "KeyU"):
+        browser.until(READY)
+        browser.press(key)
+    browser.until("document.querySelector('#progress').textContent.endsWith('sample: 5 to go')")
+    browser.until(READY)
+    for _ in range(3):
+        browser.press("ArrowLeft")
+    browser.press("Enter")
+    browser.until("document.querySelector('#trouble').textContent.startsWith('One of the sample was wrong')")
+    progress(browser, "6 of 12 marked, 6 to go")
+    for _ in range(4):
+        browser.until(READY)
+        browser.press("Enter")
+    progress(browser, "10 of 12 marked, 2 to go")
+
+
+def test_what_is_not_saved_is_offered_until_it_is_saved(fill, served, browser, versions):
+    begin(browser, served, fill((0, 0, 0)).id)
+    browser.until(READY)
+    versions.parent.write_text("a file stands here")
+    browser.press("Enter")
+    browser.until("!document.querySelector('#unsaved').hidden")
+    versions.parent.unlink()
+    browser.until(READY)
+    # Another mark is saved, and something else is wrong meanwhile.
+    browser.press("Space")
+    progress(browser, "2 of 3 marked, 1 to go; 1 not saved")
+    assert steps_said(versions, "Ada", 1) == {RIGHT_STEP}
+    browser.evaluate("document.querySelector('#author').value = ''; document.querySelector('#accept').click()")
+    browser.until("!document.querySelector('#trouble').hidden")
+    assert not browser.evaluate("document.querySelector('#unsaved').hidden")
+    browser.evaluate("document.querySelector('#unsaved button').click()")
+    assert steps_said(versions, "Ada", 2) == {RIGHT_STEP}
+    browser.until("document.querySelector('#unsaved').hidden")
+
+
+def test_a_key_that_is_held_moves_but_decides_once(fill, served, browser, versions):
+    begin(browser, served, fill((-5,) * 5).id)
+    browser.until(READY)
+    hold(browser, "ArrowRight", 4)
+    hold(browser, "Enter", 3)
+    progress(browser, "1 of 5 marked, 4 to go")
+    assert steps_said(versions, "Ada", 1) == {RIGHT_STEP}
+    browser.until(READY)
+    browser.press("Enter")
+    progress(browser, "2 of 5 marked, 3 to go")
+    hold(browser, "KeyU", 3)
+    progress(browser, "1 of 5 marked, 4 to go")
+    time.sleep(0.5)
+    assert [version.undoes for version in read_versions(versions)] == [None, None, 2]
+    # Nor does a button that has the focus.
+    browser.evaluate("document.querySelector('#accept').focus()")
+    hold(browser, "Enter", 3)
+    progress(browser, "2 of 5 marked, 3 to go")
+    time.sleep(0.5)
+    assert len(read_versions(versions)) == 4
+
+
+def test_a_correction_of_which_nothing_was_found_is_marked_by_hand(fill, served, browser, versions):
+    facts = {"source": Source.CORRECTION, "parent": "0123456789abcdef", "parent_step": 300}
+    begin(browser, served, fill((None,), **facts).id)
+    browser.until(READY)
+    assert "nothing was proposed" in browser.evaluate("document.querySelector('#doubt').textContent")
+    assert "○ missing" in browser.evaluate("document.querySelector('#marks').textContent")
+    assert browser.evaluate("document.querySelector('#examples').hidden")
+    browser.press("Home")
+    hold(browser, "ArrowRight", 6)
+    browser.press("Enter")
+    progress(browser, "1 of 1 marked, 0 to go")
+    assert steps_said(versions, "Ada", 1) == {7}
+    # What somebody has marked serves as the example.
+    browser.press("KeyU")
+    browser.until("!document.querySelector('#judging').hidden")
+
+
+def test_examples_are_of_the_critical_state_that_is_judged(tmp_path, episode_factory, served, browser):
+    env = AssemblyEnv("lamp")
+    env.reset(seed=0)
+    episode = episode_factory(30, task="lamp", num_parts=3, sim_state_size=len(env.get_state()))
+    episode.steps["sim_state"][:] = env.get_state()
+    episode.final["sim_state"][:] = env.get_state()
+    begin(browser, served, propose_for(tmp_path, episode, {1: 4, 2: 9}, 0.8).id)
+    browser.until("!document.querySelector('#judging').hidden")
+    shown = []
+    for _ in range(5):
+        shown.append(browser.evaluate(EXAMPLES))
+        browser.press("ArrowDown")
+    assert shown == [
+        None,
+        ["4", "the gripper is open, and still a little away from the bulb", "19"],
+        ["9", "the bulb is held, and still clear of what it goes into", "24"],
+        None,
+        None,
+    ]
+
+
+def test_a_machine_that_cannot_draw_says_so_once_and_is_left_alone(fill, tmp_path, browser):
+    ref = fill((0, 0, 0))
+    with serving(tmp_path / "data", JUICER_WORKERS="1", MUJOCO_GL="disable") as served:
+        begin(browser, served, ref.id)
+        browser.until("document.querySelector('#trouble').textContent.includes('o OpenGL platform can draw')")
+        time.sleep(1)
+        asked = "performance.getEntriesByType('resource').length"
+        before = browser.evaluate(asked)
+        time.sleep(2)
+        assert browser.evaluate(asked) == before < 60

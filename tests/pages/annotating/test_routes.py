@@ -13,15 +13,13 @@ from PIL import Image
 from starlette.testclient import TestClient
 
 from juicer.annotation.versions import read_versions
-from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
-from juicer.episode import Episode, Source
+from juicer.episode import Source
 from juicer.pages.application import create_application
 from juicer.pages.workplace import Workplace
-from juicer.storage.annotations import Annotation, write_annotations
-from juicer.storage.episodes import write_episodes
 from juicer.tasks.registry import get_task
 from tests.annotation.poses import part_poses
+from tests.pages.annotating.conftest import propose_for
 
 FIRST, SECOND = f"{0:016x}", f"{1:016x}"
 
@@ -172,26 +170,16 @@ def test_agreed_marks_leave_as_tables(client, address):
     assert client.get(f"{address}/labels.exe").status_code == 400
 
 
-def proposed(tmp_path: Path, episode: Episode, states: dict[int, int]) -> str:
-    """Address of an episode with proposals, steps by critical state."""
-    store = ArtifactStore(tmp_path / "data")
-    ingest = Recipe("ingest", "episodes", config={"task": "lamp"})
-    with store.create(ingest) as draft:
-        write_episodes(draft.path, [episode], {})
-    with store.create(Recipe("annotate", "annotations", inputs={"episodes": (ingest.ref,)})) as draft:
-        identity = episode.record.episode_id
-        write_annotations(
-            draft.path, [Annotation(identity, at, state, "proposed", 0.5) for state, at in states.items()]
-        )
-    return f"/annotate/{ingest.ref.id}"
-
-
 def test_every_critical_state_that_the_task_expects_is_listed_found_or_not(client, tmp_path, episode_factory):
-    address = proposed(tmp_path, episode_factory(9, task="lamp", num_parts=3), {2: 4})
+    address = f"/annotate/{propose_for(tmp_path, episode_factory(9, task='lamp', num_parts=3), {2: 4}).id}"
     (only,) = work(client, address)["episodes"]
     assert [mark["proposal"] and mark["proposal"]["step"] for mark in only["marks"]] == [None, None, 4, None, None]
     assert all(mark["expected"] for mark in only["marks"])
-    assert client.get(address).text.count("The last step at which") == 5
+    page = client.get(address).text
+    assert page.count("The last step at which") == 5
+    # Each is shown by examples of its own kind.
+    assert page.count("the gripper is open, and still a little away from the") == 3
+    assert page.count("is held, and still clear of what it goes into") == 2
 
 
 @pytest.mark.parametrize("found", [{3: 1, 4: 6}, {4: 6}, {}])
@@ -202,7 +190,7 @@ def test_critical_states_ahead_of_a_correction_are_expected_of_it_even_if_not_fo
         9, task="lamp", num_parts=3, source=Source.CORRECTION, parent="0123456789abcdef", parent_step=300
     )
     correction.steps["part_poses"][0] = part_poses(get_task("lamp"), [0])
-    (only,) = work(client, proposed(tmp_path, correction, found))["episodes"]
+    (only,) = work(client, f"/annotate/{propose_for(tmp_path, correction, found).id}")["episodes"]
     assert [mark["expected"] for mark in only["marks"]] == [False, False, False, True, True]
 
 

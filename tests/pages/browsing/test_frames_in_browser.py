@@ -17,6 +17,15 @@ def browser(tmp_path):
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+def test_page_keys_lead_past_an_episode_of_which_only_the_outcome_was_kept(address, browser, run):
+    browser.open(f"{address}/episodes?artifact={run.evaluation}&episode=1")
+    assert browser.evaluate("document.querySelector('#frames') === null")
+    for key, shown in (("PageUp", 0), ("PageDown", 1)):
+        browser.evaluate(f"document.body.dispatchEvent(new KeyboardEvent('keydown', {{code: '{key}', bubbles: true}}))")
+        browser.until(f"location.search.includes('episode={shown}') && document.readyState === 'complete'")
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 @pytest.mark.usefixtures("drawing")
 def test_keys_go_through_an_episode_and_its_address_follows(address, browser, run):
     browser.open(f"{address}/episodes?artifact={run.episodes}&episode=0&frame=3")

@@ -10,13 +10,16 @@ import { Display, element, say } from "./display.js";
 
 const POLL_MS = 400;
 const AROUND = 5;
+const MOVES = new Set(["earlier", "later", "much-earlier", "much-later"]);
 const setting = JSON.parse(element("annotate").dataset.setting);
 const server = new Server(setting.address);
 const effort = new Effort();
 const signals = new Map();
 let redraw = 0;
+let explaining = null;
 const sheets = new Sheets(setting.address, setting.sheet, (sheet) => {
-  if (sheet.failed) server.get("/work").catch((error) => trouble(error.message));
+  // An image does not say why it failed; of those that fail together, one is asked.
+  if (sheet.failed) explaining ??= server.get(sheet.path).catch((error) => trouble(error.message)).finally(() => { explaining = null; });
   draw();
 });
 const display = new Display(setting, sheets);
@@ -37,13 +40,26 @@ function draw() {
 }
 
 function show() {
-  display.show({ entry, cursor, queue, author: author(), which: which(), signals: entry && signals.get(entry.episode.id), audit });
+  display.show({ entry, cursor, queue, author: author(), which: which(), signals: entry && signals.get(entry.episode.id), sample: sampleLeft() });
 }
 
-function trouble(sentence, again) {
-  display.notice("trouble", sentence && `${sentence[0].toUpperCase()}${sentence.slice(1)}.`,
-    again ? [{ words: "Try again", key: "Enter", action: again }] : []);
+function trouble(sentence) {
+  display.notice("trouble", sentence && `${sentence[0].toUpperCase()}${sentence.slice(1)}.`);
   offer();
+}
+
+/** As long as there are marks that could not be saved, saving them again is offered, whatever else is wrong. */
+function unsaved() {
+  const failed = queue.entries.map((each) => each.pending).filter((mark) => mark?.failed);
+  display.notice("unsaved", failed.length ? `${failed.length} not saved, but kept here: ${failed[0].failed}.` : "",
+    [{ words: "Try again", key: "Enter", action: () => retry(failed) }]);
+  offer();
+}
+
+function retry(failed) {
+  for (const mark of failed) mark.failed = "";
+  unsaved();
+  for (const name of new Set(failed.map((mark) => mark.author))) send(failed.filter((mark) => mark.author === name));
 }
 
 /** Ask for all that is needed to judge an entry, before it is its turn. */
@@ -60,6 +76,7 @@ function go(to) {
   entry = to;
   if (entry) {
     cursor = startOf(entry, author());
+    display.examples(queue.entries, entry.state);
     prefetch(entry);
     const second = queue.next(entry, which(), author());
     prefetch(second);
@@ -90,52 +107,61 @@ function conflict() {
 function settle(step, settles) {
   const settled = entry;
   save([settled], () => step, settles);
+  judgeSample(settled, isAsProposed(settled, step));
   go(queue.next(settled, which(), author()));
 }
 
-/** Save marks of entries; the page goes on meanwhile. */
+/** Save marks of entries; the page goes on meanwhile, and keeps each as `pending` of its entry until it is saved. */
 function save(entries, stepOf, settles = false) {
   const { keys, seconds } = effort.take();
-  const name = author();
-  entries.forEach((each, index) => {
-    each.pending = { step: stepOf(each), settles, keys: index ? 0 : keys, seconds: index ? 0 : seconds };
-    each.judged = true;
-    each.sampled = false;
-  });
-  history.push(entries);
-  send(entries, name);
+  const marks = entries.map((each, index) => ({
+    entry: each, author: author(), step: stepOf(each), settles, keys: index ? 0 : keys, seconds: index ? 0 : seconds,
+  }));
+  for (const mark of marks) Object.assign(mark.entry, { pending: mark, judged: true, sampled: false });
+  history.push(marks);
+  send(marks);
 }
 
-function send(entries, name) {
-  const body = () => ({
-    author: name,
-    marks: entries.map((each) => ({ episode: each.episode.id, critical_state: each.state, after: each.newest, ...told(each.pending) })),
-  });
+/** Tell the server marks of one author. */
+function send(marks) {
+  const body = () => {
+    for (const mark of marks) mark.after = mark.entry.newest;
+    return { author: marks[0].author, marks: marks.map(told) };
+  };
   server.tell("/marks", body).then(({ status, content }) => {
     queue.update(content.marks);
-    if (status !== 409) for (const each of entries) each.pending = null;
-    const open = entries.find((each) => each.disputed || (status === 409 && isOvertaken(each, name)));
-    if (status === 409) for (const each of entries) each.pending = isOvertaken(each, name) ? { ...each.pending, refused: true } : null;
-    if (status === 409) history = history.filter((each) => each !== entries);
-    display.measured(server);
-    if (open && which() !== "disputed" || status === 409) go(open ?? entries[0]);
-    else say("saved");
-    draw();
+    answered(marks, status === 409 ? comeOf : () => "done");
   }, (error) => {
-    for (const each of entries) each.pending = { ...each.pending, failed: true };
-    const lost = queue.entries.filter((each) => each.pending?.failed);
-    trouble(`${lost.length} not saved, but kept here: ${error.message}`, () => {
-      trouble("");
-      const failed = queue.entries.filter((each) => each.pending?.failed);
-      for (const each of failed) delete each.pending.failed;
-      if (failed.length) send(failed, name);
-    });
+    for (const mark of marks) mark.failed = error.message;
+    unsaved();
     draw();
   });
 }
 
-const told = ({ step, settles, keys, seconds }) => ({ step, settles, keys, seconds });
-const isOvertaken = (each, name) => each.opinions.some((other) => other.step !== each.pending?.step || other.author !== name);
+const told = ({ entry: { episode, state }, after, step, settles, keys, seconds }) =>
+  ({ episode: episode.id, critical_state: state, after, step, settles, keys, seconds });
+
+/** What comes of a mark among marks that the server did not save, because there was something newer about one of them. */
+function comeOf(mark) {
+  const since = mark.entry.opinions.filter((each) => each.version > mark.after);
+  // The answer to an earlier attempt was lost, or a later mark has taken its place.
+  if (mark.entry.pending !== mark || since.some((each) => each.author === mark.author && each.step === mark.step)) return "done";
+  return since.length ? "refused" : "again";
+}
+
+function answered(marks, outcomeOf) {
+  const { done = [], refused = [], again = [] } = Object.groupBy(marks, outcomeOf);
+  for (const mark of done) if (mark.entry.pending === mark) mark.entry.pending = null;
+  for (const mark of refused) mark.refused = true;
+  history = history.map((batch) => batch.filter((mark) => !mark.refused)).filter((batch) => batch.length);
+  if (again.length) send(again);
+  display.measured(server);
+  const disputed = which() === "disputed" ? undefined : done.find((mark) => mark.entry.disputed);
+  const open = refused[0] ?? disputed;
+  if (open) go(open.entry);
+  else if (!again.length) say("saved");
+  draw();
+}
 
 function accept(goOn) {
   if (!entry) return;
@@ -148,20 +174,21 @@ function accept(goOn) {
   if (!element("conflict").hidden) return say("choose first which of the marks is right");
   trouble("");
   const accepted = entry;
-  const agrees = accepted.proposal && Math.abs(cursor - accepted.proposal.step) <= setting.same;
+  const agrees = isAsProposed(accepted, cursor);
   agreements = agrees ? agreements + 1 : 0;
-  const wasSampled = accepted.sampled;
   save([accepted], () => cursor);
   accepted.cursor = null;
-  if (wasSampled) judgeSample(agrees);
+  judgeSample(accepted, agrees);
   const same = queue.entries.filter((each) => each.episode === accepted.episode && queue.isWanted(each, which(), author()));
   go(goOn ? queue.next(accepted, which(), author()) : same[0] ?? accepted);
 }
 
+const isAsProposed = (each, step) => Boolean(each.proposal) && Math.abs(step - each.proposal.step) <= setting.same;
+
 /** Offer to accept the rest together, once a few proposals were right. */
 function offer() {
   const sure = ["open", "mine"].includes(which()) ? queue.sure(which(), author()) : [];
-  const isBusy = audit || !element("conflict").hidden || !element("trouble").hidden;
+  const isBusy = audit || ["conflict", "trouble", "unsaved"].some((id) => !element(id).hidden);
   if (isBusy || agreements < AGREEMENTS_BEFORE_OFFER || sure.length <= SAMPLE) return display.notice("offer", "");
   display.notice("offer", `${agreements} proposals in a row were right. The ${sure.length} that are left above ${SURE} can be accepted together, after you have seen ${SAMPLE} of them.`,
     [{ words: `Draw ${SAMPLE} at random, and accept the others if these are right`, key: "a", action: startAudit }]);
@@ -171,19 +198,23 @@ function startAudit() {
   const sure = queue.sure(which(), author());
   const sample = sampleOf(sure, SAMPLE);
   for (const each of sample) each.sampled = true;
-  audit = { left: sample.length, rest: sure.filter((each) => !each.sampled) };
+  audit = { sample, rest: sure.filter((each) => !each.sampled) };
   display.notice("offer", "");
   go(queue.next(null, which(), author()));
 }
 
-function judgeSample(agrees) {
-  audit.left -= 1;
+/** How many of the sample are still to be judged. */
+const sampleLeft = () => (audit ? audit.sample.filter((each) => each.sampled).length : 0);
+
+/** The sample is over when all of it was right, or one was not: on a second look as well. */
+function judgeSample(judged, agrees) {
+  if (!isOfSample(judged)) return;
   if (!agrees) {
-    for (const each of queue.entries) each.sampled = false;
+    for (const each of audit.sample) each.sampled = false;
     audit = null;
     agreements = 0;
     trouble("one of the sample was wrong, so the others are shown one by one");
-  } else if (audit.left === 0) {
+  } else if (!sampleLeft()) {
     const rest = audit.rest.filter((each) => queue.isWanted(each, which(), author()));
     audit = null;
     agreements = 0;
@@ -192,27 +223,37 @@ function judgeSample(agrees) {
   }
 }
 
+const isOfSample = (each) => Boolean(audit?.sample.includes(each));
+
+/** Take back what was saved last; one of a sample is then still to be judged. */
 async function undo() {
-  const undone = history.pop() ?? (entry && own(entry, author()) ? [entry] : []);
+  const undone = history.pop() ?? (entry && own(entry, author()) ? [{ entry }] : []);
   if (!undone.length) return say("there is nothing to undo");
   const cost = effort.take();
   agreements = 0;
-  for (const each of undone) {
+  for (const mark of undone) {
+    const each = mark.entry;
     each.judged = false;
-    if (each.pending?.failed) { each.cursor = each.pending.step; each.pending = null; continue; }
+    if (mark.failed) {
+      Object.assign(each, { cursor: mark.step, sampled: isOfSample(each) });
+      if (each.pending === mark) each.pending = null;
+      continue;
+    }
     const body = () => ({ author: author(), episode: each.episode.id, critical_state: each.state, after: each.newest, ...cost });
     try {
       const { status, content } = await server.tell("/undo", body);
       queue.update(content.marks);
       if (status === 409) trouble(content.error);
+      else each.sampled = isOfSample(each);
     } catch (error) {
       history.push(undone);
       return trouble(`not undone: ${error.message}`);
     }
     Object.assign(cost, { keys: 0, seconds: 0 });
   }
+  unsaved();
   display.measured(server);
-  go(undone[0]);
+  go(undone[0].entry);
   say("undone");
 }
 
@@ -256,14 +297,16 @@ function pressed(event) {
   const name = nameOf(event);
   const dialog = element("keys");
   if (dialog.open) {
-    if (name === "?") dialog.close();
+    if (name === "?" && !event.repeat) dialog.close();
     return;
   }
-  const isTyping = event.target.matches("input, select, textarea");
-  const isOperated = event.target.closest("button, a, summary") && (name === "Enter" || name === "Space");
-  if (isTyping || isOperated) return;
+  if (event.target.matches("input, select, textarea")) return;
   const action = actionOf(name, letters());
-  if (name === "Enter" && display.press("trouble", name)) return event.preventDefault();
+  // A key that is held must not decide on what nobody has seen; on a button neither, which it would press again.
+  if (event.repeat && !MOVES.has(action)) return action && event.preventDefault();
+  const isOperated = event.target.closest("button, a, summary") && (name === "Enter" || name === "Space");
+  if (isOperated) return;
+  if (name === "Enter" && display.press("unsaved", name)) return event.preventDefault();
   const isChoice = /^[1-9]$/.test(name) && letters() && display.offers("conflict", name);
   if (!action && !isChoice) return;
   event.preventDefault();
@@ -322,7 +365,6 @@ async function start() {
     if (work.ready) {
       queue = new Queue(work.episodes);
       display.measures(work.measures);
-      display.examples(queue.entries);
       go(queue.next(null, which(), author()));
       element(author() ? "timeline" : "author").focus();
       return;

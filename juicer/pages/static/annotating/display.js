@@ -7,6 +7,8 @@ import { drawTimeline } from "./timeline.js";
 const VIEWS = ["front", "close", "wrist"];
 const STRIP = ["close", "wrist"];
 const NARROW = 640;
+const MORE_LIKELY_THAN_NOT = 0.5;
+const LATE_STEPS = 15;
 
 export const element = (id) => document.getElementById(id);
 
@@ -30,7 +32,7 @@ export class Display {
     this.side = 5;
   }
 
-  show({ entry, cursor, queue, author, which, signals, audit }) {
+  show({ entry, cursor, queue, author, which, signals, sample }) {
     element("judging").hidden = !entry;
     element("nothing").hidden = Boolean(entry);
     element("expected").hidden = !entry;
@@ -38,7 +40,7 @@ export class Display {
     const failed = queue.entries.filter((each) => each.pending?.failed || each.pending?.refused).length;
     const marked = queue.entries.filter((each) => each.opinions.length || each.pending).length;
     element("progress").textContent = `${marked} of ${queue.entries.length} marked, ${left} to go`
-      + (audit ? `; sample: ${audit.left} to go` : "") + (failed ? `; ${failed} not saved` : "");
+      + (sample ? `; sample: ${sample} to go` : "") + (failed ? `; ${failed} not saved` : "");
     if (!entry) return this.#showNothing(queue, left);
     const state = this.setting.states[entry.state];
     element("what").textContent = state.name;
@@ -182,7 +184,7 @@ export class Display {
     const paper = this.setting.paper;
     const shown = (value, digits, unit = "") => (value === null ? "–" : `${value.toFixed(digits)}${unit}`);
     const rows = [
-      ["demonstrations", found.demonstrations, paper ? 50 : "–"],
+      ["demonstrations judged", found.judged, paper ? 50 : "–"],
       ["minutes", shown(found.minutes, 1), paper ? paper.annotating_min : "–"],
       ["seconds a demonstration", shown(found.seconds, 1), paper ? (paper.annotating_min * 60 / 50).toFixed(0) : "–"],
       ["keys a demonstration", shown(found.keys, 2), "–"],
@@ -194,19 +196,27 @@ export class Display {
       made("th", { scope: "row" }, name), ...values.map((value) => made("td", { class: "number" }, String(value))))));
   }
 
-  /** A right and a wrong example, of the demonstration whose proposal is surest. */
-  examples(entries) {
-    const found = entries.filter((each) => each.proposal && each.proposal.confidence > 0.5 && each.state === 0).at(-1);
+  /** A right and a wrong example of a critical state: of the surest that people agree on, or that was proposed. */
+  examples(entries, state) {
+    const { right, wrong } = this.setting.states[state];
+    const stepOf = (each) => each.agreed ?? (each.proposal?.confidence > MORE_LIKELY_THAN_NOT ? each.proposal.step : null);
+    const sureness = (each) => each.proposal?.confidence ?? 0;
+    const [found] = entries.filter((each) => each.state === state && stepOf(each) !== null)
+      .sort((one, other) => sureness(other) - sureness(one));
     element("examples").hidden = !found;
     if (!found) return;
-    const late = Math.min(found.episode.steps - 1, found.proposal.step + 15);
-    const address = (step) => `${this.setting.address}/${found.episode.id}/${step}.jpg?count=1&view=close`;
-    element("right").src = address(found.proposal.step);
-    element("wrong").src = address(late);
-    element("right-text").textContent = "held, and still clear of the other part";
-    element("wrong-text").textContent = "15 steps later: it touches already";
-    element("right").alt = "Right: the part is held just above its place";
-    element("wrong").alt = "Wrong: the part is in its place already";
+    const step = stepOf(found);
+    const late = Math.min(found.episode.steps - 1, step + LATE_STEPS);
+    this.#example("right", found, step, right);
+    this.#example("wrong", found, late, `${late - step} steps later: ${wrong}`);
+  }
+
+  #example(id, { episode }, step, words) {
+    const address = `${this.setting.address}/${episode.id}/${step}.jpg?count=1&view=close`;
+    const image = element(id);
+    if (image.getAttribute("src") !== address) image.src = address;
+    image.alt = `Step ${step}: ${words}`;
+    element(`${id}-text`).textContent = words;
   }
 
   keyRow(keys, words) {

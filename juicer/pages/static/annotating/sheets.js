@@ -1,6 +1,7 @@
 // Images of steps, by sheets of a few steps each; drawn by the server, kept by the browser.
 
 const MOST_SHEETS = 20;
+const AGAIN_MS = 5000;
 
 export class Sheets {
   /** @param layout width, height, steps and views of a sheet; `arrived` is called when one is there or has failed. */
@@ -11,17 +12,17 @@ export class Sheets {
     this.sheets = new Map();
   }
 
-  /** The sheet that a step is on; asked for if it is not there yet. */
+  /** The sheet that a step is on; asked for if it is not there yet, and again only some time after it has failed. */
   sheet(episode, step) {
     const first = step - (step % this.layout.steps);
-    const url = `${this.address}/${episode.id}/${first}.jpg`;
-    let sheet = this.sheets.get(url);
-    if (!sheet || sheet.failed) {
-      sheet = { image: new Image(), first, ready: false, failed: false };
-      this.sheets.set(url, sheet);
+    const path = `/${episode.id}/${first}.jpg`;
+    let sheet = this.sheets.get(path);
+    if (!sheet || (sheet.failed && performance.now() > sheet.failed + AGAIN_MS)) {
+      sheet = { image: new Image(), path, first, ready: false, failed: 0 };
+      this.sheets.set(path, sheet);
       sheet.image.onload = () => this.arrived(sheet, (sheet.ready = true));
-      sheet.image.onerror = () => this.arrived(sheet, !(sheet.failed = true));
-      sheet.image.src = url;
+      sheet.image.onerror = () => this.arrived(sheet, (sheet.failed = performance.now()));
+      sheet.image.src = this.address + path;
       for (const old of [...this.sheets.keys()].slice(0, Math.max(0, this.sheets.size - MOST_SHEETS))) this.sheets.delete(old);
     }
     return sheet;
