@@ -31,6 +31,8 @@ from juicer.teleoperation.origin import Origin
 from juicer.text import printable
 
 SUFFIX = ".draft"
+DRAFTS = "drafts"
+"""Name, in the folder of a task's logs, of where its drafts lie."""
 MOST_BYTES = 64 * 2**20
 """Largest draft that is read back; one of the longest log has a tenth of it, if little was taken back."""
 
@@ -230,7 +232,7 @@ class LeftDraft:
 
 def left_in(folder: Path) -> list[Path]:
     """Drafts whose makers are gone, the latest first."""
-    left = [path for path in folder.glob(f"*{SUFFIX}") if _is_left(path)]
+    left = [path for path in folder.glob(f"[!.]*{SUFFIX}") if _is_left(path)]
     return sorted(left, key=lambda path: path.stat().st_mtime, reverse=True)
 
 

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 from collections import Counter
 from pathlib import Path
 
 from juicer.artifacts.integrity import sync
 from juicer.demonstration.log import SUFFIX, LogFile, OperatorLog, write_log
-from juicer.errors import RejectedLog
-from juicer.teleoperation.drafts import Beginning, Draft
+from juicer.errors import LogNotWritten, RejectedLog
+from juicer.teleoperation.drafts import DRAFTS, Beginning, Draft
 from juicer.teleoperation.seeds import claim_next_seed
 from juicer.teleoperation.status import Kept
 from juicer.teleoperation.take import Take
 from juicer.teleoperation.verification import CHECKING, Verdict, Verification, Verifier
 
 KEPT_SHOWN = 5
-DRAFTS = "drafts"
 
 
 class Logs:
@@ -85,18 +85,32 @@ class Logs:
             The name of its log.
 
         Raises:
-            JuicerError: If it cannot be written; it is still in hand then.
+            JuicerError: If it cannot be written, or another log has its name; it is still in hand then.
+            OSError: As for what a disk refuses otherwise.
         """
         # A rollout may be corrected again and again, so that its seed does not make a name.
         name = f"{log.seed:08d}" if log.parent is None else self._in_hand.name
         path = self.folder / f"{name}{SUFFIX}"
-        write_log(path, log)
-        sync(path)
-        sync(self.folder)
+        self._write(path, log)
         self._in_hand.remove()
         self._written[path] = log.parent is not None
         self._verifier.submit(path, self._task)
         return path.name
+
+    def _write(self, path: Path, log: OperatorLog) -> None:
+        """Write a log whole and onto the disk; never in place of another, which somebody has driven, too."""
+        whole = self.folder / DRAFTS / path.name
+        whole.parent.mkdir(parents=True, exist_ok=True)
+        write_log(whole, log)
+        try:
+            sync(whole)
+            path.hardlink_to(whole)
+        except FileExistsError:
+            reason = "there is a file of that name, which is not replaced; move it elsewhere"
+            raise LogNotWritten(errno.EEXIST, reason, str(path)) from None
+        finally:
+            whole.unlink(missing_ok=True)
+        sync(self.folder)
 
     @property
     def demonstrations(self) -> int:

@@ -19,9 +19,9 @@ from juicer.errors import EvaluationOnly, InvalidEpisode, NotCorrectable, Reject
 from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.sim.env import AssemblyEnv
 from juicer.teleoperation.controls import Intent
-from juicer.teleoperation.drafts import left_in, read_draft
+from juicer.teleoperation.drafts import DRAFTS, left_in, read_draft
 from juicer.teleoperation.key_maps import Action
-from juicer.teleoperation.logs import DRAFTS, Logs
+from juicer.teleoperation.logs import Logs
 from juicer.teleoperation.origin import Origin, origin_of
 from juicer.teleoperation.verification import Verdict, Verifier, verify
 from juicer.teleoperation.work import Choice, Ending, Work

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -10,9 +12,8 @@ from juicer.demonstration.log import read_log
 from juicer.errors import UnusableDraft
 from juicer.seed_ranges import Purpose, check_seeds
 from juicer.teleoperation.controls import Intent
-from juicer.teleoperation.drafts import left_in, read_draft
+from juicer.teleoperation.drafts import DRAFTS, left_in, read_draft
 from juicer.teleoperation.key_maps import Action
-from juicer.teleoperation.logs import DRAFTS
 from juicer.teleoperation.status import Phase
 from juicer.teleoperation.work import IDLE_STEPS, STANDING_STEPS, Ending
 from tests.teleoperation.conftest import assemble
@@ -156,6 +157,35 @@ def test_no_two_episodes_of_people_begin_alike_whoever_records_them(make_work):
         seeds.append(work.take.seed)
     assert len(set(seeds)) == len(seeds)
     check_seeds(Purpose.DEMONSTRATIONS, seeds)
+
+
+def test_recordings_that_came_without_their_marks_keep_their_initial_states_for_themselves(make_work, tmp_path):
+    first = make_work()
+    move(first, 1)
+    first.close()
+    interrupted = first.take.seed
+    (tmp_path / f"{interrupted + 4:08d}.npz").write_bytes(b"restored from a backup")
+    (tmp_path / "demo_1.npz").touch()
+    shutil.rmtree(tmp_path / "seeds")
+    assert make_work().take.seed == interrupted + 5
+    (tmp_path / f"{interrupted + 4:08d}.npz").unlink()
+    shutil.rmtree(tmp_path / "seeds")
+    assert make_work().take.seed == interrupted + 1
+
+
+def test_a_demonstration_is_never_written_in_place_of_another(make_work, tmp_path):
+    work = make_work()
+    saved = tmp_path / f"{work.take.seed:08d}.npz"
+    saved.write_bytes(b"copied here meanwhile")
+    assemble(work, seed=1)
+    assert work.ending is Ending.NOT_WRITTEN
+    assert "is not replaced; move it elsewhere" in work.sentence
+    assert saved.read_bytes() == b"copied here meanwhile"
+    assert list((tmp_path / DRAFTS).glob("*.npz")) == []
+    saved.rename(tmp_path / "elsewhere.npz")
+    work.obey([Action.SUCCESS])
+    assert work.ending is Ending.KEPT
+    assert len(read_log(saved)) == len(work.take)
 
 
 def test_an_assembled_episode_is_written_whole_and_ingested_as_it_is(assembled):

@@ -18,9 +18,9 @@ from juicer.sim.env import STEP_S
 from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import Randomness
 from juicer.teleoperation.controls import ControllerState, Controls
-from juicer.teleoperation.drafts import LeftDraft, left_in, read_draft
+from juicer.teleoperation.drafts import DRAFTS, LeftDraft, left_in, read_draft
 from juicer.teleoperation.key_maps import DEFAULT, DESCRIPTIONS, PRESETS, KeyMap, Motion, find_key_map, read_key_map
-from juicer.teleoperation.logs import DRAFTS, Logs
+from juicer.teleoperation.logs import Logs
 from juicer.teleoperation.messages import MessageReader
 from juicer.teleoperation.origin import Origin, origin_of
 from juicer.teleoperation.painter import PANES, Frame, Painter
