@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import errno
-from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
 from juicer.artifacts.integrity import sync
@@ -26,7 +26,7 @@ class Logs:
     """
 
     def __init__(self, folder: Path, task: str, verifier: Verifier) -> None:
-        """Look at what is there.
+        """Look at what is there; what was not checked before is.
 
         Args:
             folder: Where they lie.
@@ -36,10 +36,11 @@ class Logs:
         self.folder = folder
         self._task = task
         self._verifier = verifier
-        self._written: dict[Path, bool] = {}
-        """Logs of this session in their order, and whether they are corrections."""
         self._draft: Draft | None = None
-        self._earlier = Counter(map(_is_correction, folder.glob(f"*{SUFFIX}")))
+        self._written: dict[Path, bool | None] = {path: _is_correction(path) for path in _logs_in(folder)}
+        """Logs, the oldest first, and whether they are corrections; None if that cannot be read."""
+        for path in self._written:
+            verifier.submit(path, task)
 
     def next_seed(self) -> int:
         """Another initial state, see :func:`~juicer.teleoperation.seeds.claim_next_seed`."""
@@ -114,7 +115,7 @@ class Logs:
 
     @property
     def demonstrations(self) -> int:
-        """Demonstrations in the folder, without those of this session that were not, or not yet, found good."""
+        """Demonstrations in the folder, without those that were not, or not yet, found good."""
         return self._good(corrections=False)
 
     @property
@@ -124,15 +125,20 @@ class Logs:
 
     def _good(self, *, corrections: bool) -> int:
         good = (Verdict.VERIFIED, Verdict.UNCHECKED)
-        return self._earlier[corrections] + sum(
+        return sum(
             self._verification(path).verdict in good
             for path, is_correction in self._written.items()
             if is_correction is corrections
         )
 
     @property
+    def checking(self) -> int:
+        """Logs whose check has not come to an end."""
+        return sum(self._verification(path) == CHECKING for path in self._written)
+
+    @property
     def kept(self) -> tuple[Kept, ...]:
-        """What became of the last episodes of this session, the newest first."""
+        """What became of the last episodes in the folder, the newest first."""
         return tuple(Kept(path.name, self._verification(path)) for path in list(self._written)[: -KEPT_SHOWN - 1 : -1])
 
     def _verification(self, path: Path) -> Verification:
@@ -142,6 +148,15 @@ class Logs:
     def _in_hand(self) -> Draft:
         assert self._draft is not None, "no episode has begun"
         return self._draft
+
+
+def _logs_in(folder: Path) -> list[Path]:
+    """Logs, the oldest first."""
+    times = {}
+    for path in folder.glob(f"*{SUFFIX}"):
+        with suppress(FileNotFoundError):
+            times[path] = (path.stat().st_mtime, path.name)
+    return sorted(times, key=lambda path: times[path])
 
 
 def _is_correction(path: Path) -> bool | None:

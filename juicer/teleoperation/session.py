@@ -170,6 +170,7 @@ class Session:
             slow=work.slow,
             demonstrations=work.logs.demonstrations,
             corrections=work.logs.corrections,
+            checking=work.logs.checking,
             kept=work.logs.kept,
             folder=str(work.logs.folder),
         )

@@ -114,6 +114,36 @@ def test_a_rollout_is_finished_by_hand_from_its_page_though_the_server_is_killed
     assert correction.episode.state(0).tobytes() == stuck.state(step).tobytes()
 
 
+def test_an_episode_in_hand_is_never_taken_for_the_rollout_that_is_to_be_finished(tmp_path, browser):
+    stuck = stuck_rollout()
+    step, store = len(stuck) - 5, ArtifactStore(tmp_path)
+    ref = commit(store, Recipe("collect", "episodes"), {}, lambda folder: write_episodes(folder, [stuck], {}))
+    with serving(tmp_path) as server:
+        begin(browser, server.teleop)
+        browser.key_down("KeyA")
+        browser.until("teleop.status.step >= 5")
+        browser.key_up("KeyA")
+        browser.open(f"{server.address}/teleop?artifact={ref}&episode=0&frame={step}")
+        browser.until("!document.querySelector('#occupied').hidden && teleop.status.drives && teleop.status.step >= 5")
+        assert not browser.evaluate("document.querySelector('#setup').hidden")
+        sentence = browser.evaluate("document.querySelector('#occupied').innerText")
+        assert sentence.startswith("Another episode is in hand: one_leg, state 500000:")
+        assert f"ends it and goes on from step {step} of rollout {stuck.record.episode_id}" in sentence
+        steps = shown(browser, "step")
+        browser.evaluate("document.activeElement.blur()")
+        browser.key_down("KeyA")
+        time.sleep(0.5)
+        browser.key_up("KeyA")
+        assert shown(browser, "step") == steps, "nobody drives what the page does not show"
+        browser.evaluate("document.querySelector('#begin button').click()")
+        browser.until(f"teleop.status.origin === 'step {step} of rollout {stuck.record.episode_id}'")
+        browser.until("!document.querySelector('#drive').hidden && document.querySelector('#setup').hidden")
+        browser.open(f"{server.address}/teleop?artifact={ref}&episode=0&frame={step}")
+        browser.until("!document.querySelector('#drive').hidden")
+    (draft,) = (tmp_path / "teleoperation" / "one_leg" / "drafts").glob("00500000-*")
+    assert len(draft.read_text().splitlines()) > 5
+
+
 def test_a_key_that_is_held_when_the_page_loses_focus_is_let_go(tmp_path, browser):
     with serving(tmp_path) as server:
         begin(browser, server.teleop)

@@ -20,11 +20,14 @@ export class Input extends EventTarget {
   #source = "keyboard";
   #bound = new Set();
   #send;
+  #drives;
   isActive = false;
 
-  constructor(send) {
+  /** Where messages go, and a function that says whether what the hands do counts: else nothing is sent. */
+  constructor(send, drives) {
     super();
     this.#send = send;
+    this.#drives = drives;
     addEventListener("keydown", (event) => this.#down(event));
     addEventListener("keyup", (event) => this.#up(event));
     addEventListener("blur", () => this.release());
@@ -71,7 +74,7 @@ export class Input extends EventTarget {
       this.dispatchEvent(new Event("help"));
       return;
     }
-    if (PAGE_KEYS.has(code) || !this.#bound.has(code)) return;
+    if (!this.#drives() || PAGE_KEYS.has(code) || !this.#bound.has(code)) return;
     event.preventDefault();
     if (event.repeat || this.#keys.has(code)) return;
     this.#source = "keyboard";
@@ -88,6 +91,7 @@ export class Input extends EventTarget {
   }
 
   #tell(pressed = null) {
+    if (!this.#drives()) return;
     this.isActive = true;
     const pad = this.#pad();
     const held = [...this.#keys, ...pad.held];

@@ -12,9 +12,11 @@ const phases = {
 };
 let screen = null;
 let motions = new Set();
+// Whether this page has begun something: a page of a rollout must not show another episode as if it were that rollout.
+let hasBegun = false;
 
 const connection = new Connection();
-const input = new Input((message) => connection.send(message));
+const input = new Input((message) => connection.send(message), () => Boolean(isShown() && status.drives));
 
 connection.addEventListener("open", () => {
   input.restart();
@@ -79,16 +81,27 @@ function options(select, values) {
   select.replaceChildren(...values.map((value) => new Option(value, value)));
 }
 
+/** Whether what goes on is what this page is for. */
+function isShown() {
+  const { origin } = element("begin").dataset;
+  return status.going_on && (!origin || hasBegun || status.origin === origin);
+}
+
 function show(news) {
   const before = { ...status };
   Object.assign(status, news);
   // A device that is gone is a hand that let go of everything.
   if (before.spacemouse && !status.spacemouse && status.going_on) input.release();
-  element("setup").hidden = status.going_on;
-  element("drive").hidden = !status.going_on;
+  const shown = isShown();
+  element("setup").hidden = shown;
+  element("drive").hidden = !shown;
+  if (element("occupied")) {
+    element("occupied").hidden = shown || !status.going_on;
+    if (status.task) say("occupied-by", episode());
+  }
   if (news.key_list) showKeys(status.key_list);
   if (news.drafts) showDrafts(status.drafts);
-  if (!status.going_on) return;
+  if (!shown) return;
   const phase = status.drives ? status.phase : "watching";
   element("state").dataset.phase = phase;
   say("phase", phases[phase]);
@@ -97,8 +110,7 @@ function show(news) {
   say("demonstrations", status.demonstrations);
   say("corrections", status.corrections);
   say("target", status.target);
-  const checking = status.kept.filter(({ verification }) => verification.verdict === "checking").length;
-  say("checking", checking ? `(and ${checking} being checked)` : "saved");
+  say("checking", status.checking ? `(and ${status.checking} being checked)` : "saved");
   element("progress").max = status.target;
   element("progress").value = Math.min(status.demonstrations, status.target);
   say("episode", episode());
@@ -139,9 +151,12 @@ function showDrafts(drafts) {
       const { target, spacemouse } = element("begin").elements;
       item.append(
         about,
-        button("Go on with it", () => connection.send({
-          kind: "resume", task, draft, target: Number(target.value), spacemouse: spacemouse.checked,
-        })),
+        button("Go on with it", () => {
+          hasBegun = true;
+          connection.send({
+            kind: "resume", task, draft, target: Number(target.value), spacemouse: spacemouse.checked,
+          });
+        }),
         button("Remove it", () => connection.send({ kind: "forget", task, draft })),
       );
       return item;
@@ -197,7 +212,8 @@ function numbers({ proprioception: p, part_poses: parts }) {
 
 function announce(before, phase) {
   const newest = status.kept[0];
-  if (newest && before.kept && JSON.stringify(before.kept[0]) !== JSON.stringify(newest)) {
+  // What lies in the folder of another task is no news.
+  if (newest && before.kept && before.folder === status.folder && JSON.stringify(before.kept[0]) !== JSON.stringify(newest)) {
     caption(`${newest.name}: ${newest.verification.sentence}`, newest.verification.verdict);
   } else if (before.phase && before.phase !== status.phase && (phase === "paused" || phase === "over")) {
     caption(status.sentence, phase);
@@ -225,6 +241,8 @@ element("begin").addEventListener("submit", (event) => {
   for (const { name, value } of rememberedFields(event.target)) localStorage.setItem(`teleop.${name}`, value);
   const { target, episode, step, ...choice } = Object.fromEntries(new FormData(event.target));
   const rollout = choice.artifact ? { kind: "correct", episode: Number(episode), step: Number(step) } : { kind: "begin" };
+  hasBegun = !status.going_on || status.drives;
+  connection.send({ kind: "end" });
   connection.send({ ...choice, ...rollout, target: Number(target), spacemouse: event.target.spacemouse.checked });
   document.activeElement?.blur();
   input.isActive = true;
