@@ -16,12 +16,14 @@ from juicer.teleoperation.beat import Beat
 from juicer.teleoperation.controls import ControllerState, Controls
 from juicer.teleoperation.inbox import Inbox
 from juicer.teleoperation.status import Phase, Snapshot, Status
-from juicer.teleoperation.work import Ending, Work
+from juicer.teleoperation.work import Work
 
 FRAME_S = 0.05
 """Between two moments that are shown."""
 LAST_LOOK_S = 1.5
 """How long a success is looked at before the next episode begins."""
+RETRY_S = 1.0
+"""Between two tries to write what the disk refuses."""
 SLOWEST, FASTEST = 0.25, 1.0
 LONGEST_UNDO_S = 60.0
 
@@ -47,7 +49,7 @@ class Session:
         self._frames, self._steps = Beat(now), Beat(now)
         self._before: NDArray[np.float64] = work.env.data.qpos.copy()
         self._after = self._before
-        self._stepped_at, self._ended_at = now, now
+        self._stepped_at, self._goes_on_at = now, now
         self._moved_by = -1
         self._time_scale, self._undo_s = 1.0, work.undo_s
         self._snapshot = self._look(now, first_number)
@@ -112,13 +114,14 @@ class Session:
         work, heard = self._work, self._inbox.get(now)
         work.time_scale, work.undo_s = self._time_scale, self._undo_s
         work.obey(heard.intent.presses)
-        if work.ending is Ending.KEPT and now - self._ended_at >= LAST_LOOK_S:
+        if work.ending and now >= self._goes_on_at:
             work.go_on()
+            self._goes_on_at = time.monotonic() + RETRY_S
         self._before = work.env.data.qpos.copy()
         moved = work.step(heard.intent, present=heard.present, source=heard.source)
         self._after = work.env.data.qpos.copy() if moved else self._before
         if moved:
-            self._moved_by, self._stepped_at, self._ended_at = heard.sequence, now, now
+            self._moved_by, self._stepped_at, self._goes_on_at = heard.sequence, now, now + LAST_LOOK_S
         # A world that stands still starts without waiting for a whole step.
         self._steps.wait(STEP_S / self._time_scale if moved else FRAME_S, now)
 

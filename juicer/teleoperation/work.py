@@ -158,6 +158,8 @@ class Work:
             f"Here you were interrupted, after {resumed} steps"
             + (f"; {lost} more could not be computed again by this version of the simulator" if lost else "")
         )
+        if take.done:
+            self._end()
 
     def _prepare(self, note: str) -> None:
         self.ending: Ending | None = None
@@ -307,7 +309,7 @@ class Work:
             name = self.logs.keep(self.take.log(self._provenance(device)))
         except (JuicerError, OSError) as error:
             self.ending = Ending.NOT_WRITTEN
-            self._note = f"Assembled, but {error}; make room, then press success again, or discard it"
+            self._note = f"Assembled, but {error}; as soon as you have made room it is saved, or discard it"
             return
         self.ending = Ending.KEPT
         self._note = f"Assembled, and written as {name}; it is being checked"
@@ -330,9 +332,14 @@ class Work:
         self.env.close()
 
     def go_on(self) -> None:
-        """Begin the next episode, once the last one is kept."""
-        if self.ending is Ending.KEPT:
-            self._begin(self._next_seed())
+        """Begin the next episode, once the last one is kept; if the disk refused either, try again, and say so."""
+        if self.ending is Ending.NOT_WRITTEN:
+            self._keep()
+        elif self.ending is Ending.KEPT:
+            try:
+                self._begin(self._next_seed())
+            except JuicerError as error:
+                self._note = f"The episode is saved, but no other can begin: {error}"
 
     @property
     def origin(self) -> str:

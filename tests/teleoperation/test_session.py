@@ -10,7 +10,7 @@ import pytest
 from juicer.teleoperation.controls import ControllerState, Controls
 from juicer.teleoperation.session import Session
 from juicer.teleoperation.status import Phase, Snapshot
-from juicer.teleoperation.work import STANDING_STEPS
+from juicer.teleoperation.work import STANDING_STEPS, Ending
 
 
 @pytest.fixture
@@ -82,6 +82,21 @@ def test_moments_between_two_steps_are_shown(session):
         wait_for(session, lambda now: now.number > shown[-1].number, ("KeyA",))
     different = {moment.qpos.tobytes() for moment in shown}
     assert len(different) > len({moment.status.step for moment in shown})
+
+
+def test_what_the_disk_refused_is_tried_again_without_a_press(session, work, monkeypatch):
+    monkeypatch.setattr("juicer.teleoperation.session.LAST_LOOK_S", 0.0)
+    wait_for(session, lambda now: now.status.step >= 1, ("KeyA",))
+    seeds = work.logs.folder / "seeds"
+    seeds.rename(work.logs.folder / "aside")
+    seeds.touch()
+    work.ending = Ending.KEPT
+    refused = wait_for(session, lambda now: "no other can begin" in now.status.sentence)
+    seeds.unlink()
+    (work.logs.folder / "aside").rename(seeds)
+    begun = wait_for(session, lambda now: now.status.seed != refused.status.seed)
+    assert begun.status.step == 0
+    assert 0.5 < begun.at_s - refused.at_s < 5
 
 
 def test_a_defect_is_said_and_what_was_recorded_stays(session, work, monkeypatch):

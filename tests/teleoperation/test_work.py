@@ -217,8 +217,10 @@ def test_what_the_disk_refuses_stays_in_hand_until_it_is_written(make_work, tmp_
     assemble(work, seed=1)
     assert work.ending is Ending.NOT_WRITTEN
     assert "cannot be written" in work.sentence
+    work.go_on()
+    assert work.ending is Ending.NOT_WRITTEN
     obstacle.rmdir()
-    work.obey([Action.SUCCESS])
+    work.go_on()
     assert work.ending is Ending.KEPT
     assert len(read_log(obstacle)) == len(work.take)
 
@@ -237,6 +239,35 @@ def test_an_interrupted_episode_goes_on_where_it_was(make_work):
     assert len(second.take) == steps
     assert second.gripper_closes
     assert move(second, 1) == [True]
+
+
+def test_a_success_that_could_not_be_written_before_the_end_is_written_when_it_is_resumed(make_work, tmp_path):
+    first = make_work()
+    obstacle = tmp_path / f"{first.take.seed:08d}.npz"
+    obstacle.mkdir()
+    assemble(first, seed=1)
+    assert first.ending is Ending.NOT_WRITTEN
+    first.close()
+    obstacle.rmdir()
+    second = make_work()
+    (path,) = left_in(tmp_path / DRAFTS)
+    second.resume(read_draft(path))
+    assert second.ending is Ending.KEPT
+    assert len(read_log(obstacle)) == len(second.take)
+
+
+def test_an_initial_state_that_the_disk_refuses_is_said_and_given_once_there_is_room(assembled):
+    logs, assembled.ending = assembled.logs, Ending.KEPT
+    seeds = logs.folder / "seeds"
+    seeds.rename(logs.folder / "aside")
+    seeds.touch()
+    assembled.go_on()
+    assert assembled.ending is Ending.KEPT
+    assert "The episode is saved, but no other can begin: log " in assembled.sentence
+    seeds.unlink()
+    (logs.folder / "aside").rename(seeds)
+    assembled.go_on()
+    assert assembled.ending is None
 
 
 def test_an_interrupted_episode_of_another_task_is_refused(make_work):
