@@ -225,15 +225,27 @@ class LeftDraft:
         draft.take_back(len(self.steps) - resumed)
         return draft
 
-    def remove(self) -> None:
-        """Remove it, as nobody wants it."""
-        self.path.unlink(missing_ok=True)
+
+def left_in(*folders: Path) -> list[Path]:
+    """Drafts in some folders whose makers are gone, the latest first."""
+    times = {}
+    for folder in folders:
+        for path in folder.glob(f"[!.]*{SUFFIX}"):
+            with suppress(FileNotFoundError):
+                times[path] = path.stat().st_mtime
+    return sorted(filter(_is_left, times), key=lambda path: times[path], reverse=True)
 
 
-def left_in(folder: Path) -> list[Path]:
-    """Drafts whose makers are gone, the latest first."""
-    left = [path for path in folder.glob(f"[!.]*{SUFFIX}") if _is_left(path)]
-    return sorted(left, key=lambda path: path.stat().st_mtime, reverse=True)
+def remove_draft(path: Path) -> None:
+    """Remove a draft that nobody wants, whether or not it can be read.
+
+    Raises:
+        UnusableDraft: If the disk refuses that.
+    """
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise UnusableDraft(f"draft '{printable(path)}' cannot be removed: {error.strerror}") from None
 
 
 def read_draft(path: Path) -> LeftDraft:

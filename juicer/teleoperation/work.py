@@ -328,6 +328,8 @@ class Work:
 
     def close(self) -> None:
         """Stop; what was recorded of the episode in hand stays on the disk."""
+        if not len(self.take):
+            self.logs.drop()
         self.logs.close()
         self.env.close()
 

@@ -77,11 +77,16 @@ class Correct(Order):
 
 
 class Resume(Order):
-    """Go on with an episode that was interrupted, or remove what was recorded of it."""
+    """Go on with an episode that was interrupted, or remove what was recorded of it.
+
+    Keys and operator are those that it was begun with, unless others are named.
+    """
 
     kind: Literal["resume", "forget"]
     task: Name
     draft: Name
+    operator: Name = ""
+    keys: Name = ""
 
 
 class Pace(StrictConfig):

@@ -142,26 +142,31 @@ function showKept(kept) {
 function showDrafts(drafts) {
   element("drafts").hidden = !drafts.length;
   element("draft-list").replaceChildren(
-    ...drafts.map(({ task, draft, operator, began, seconds, parent_step: from }) => {
+    ...drafts.map((left) => {
       const item = document.createElement("li");
       const about = document.createElement("span");
-      const when = began.slice(0, 16).replace("T", " ");
-      const correction = from === null ? "" : `, finishing a rollout from step ${from} on`;
-      about.textContent = `${task}${correction}${operator ? `, ${operator}` : ""}, begun ${when}: ${seconds.toFixed(1)} s recorded`;
-      const { target, spacemouse } = element("begin").elements;
-      item.append(
-        about,
-        button("Go on with it", () => {
-          hasBegun = true;
-          connection.send({
-            kind: "resume", task, draft, target: Number(target.value), spacemouse: spacemouse.checked,
-          });
-        }),
-        button("Remove it", () => connection.send({ kind: "forget", task, draft })),
-      );
+      about.textContent = left.problem ? `${left.problem[0].toUpperCase()}${left.problem.slice(1)}.` : interrupted(left);
+      if (left.problem) about.className = "bad";
+      item.append(about, ...(left.problem ? [] : [button("Go on with it", () => resume(left))]));
+      item.append(button("Remove it", () => connection.send({ kind: "forget", task: left.task, draft: left.draft })));
       return item;
     }),
   );
+}
+
+function interrupted({ task, operator, began, seconds, parent_step: from }) {
+  const when = began.slice(0, 16).replace("T", " ");
+  const correction = from === null ? "" : `, finishing a rollout from step ${from} on`;
+  return `${task}${correction}${operator ? `, ${operator}` : ""}, begun ${when}: ${seconds.toFixed(1)} s recorded`;
+}
+
+function resume({ task, draft }) {
+  const { target, spacemouse, operator, keys } = element("begin").elements;
+  hasBegun = true;
+  connection.send({
+    kind: "resume", task, draft, target: Number(target.value), spacemouse: spacemouse.checked,
+    operator: operator.value, keys: keys.value,
+  });
 }
 
 function button(text, action) {
