@@ -142,9 +142,10 @@ class Draft:
             self._descriptor = None
 
     def remove(self) -> None:
-        """Remove it: what it holds is saved, or nobody wants it."""
+        """Remove it: what it holds is saved, or nobody wants it. What the disk does not let go is offered again."""
         if self._descriptor is not None:
-            self._path.unlink(missing_ok=True)
+            with suppress(OSError):
+                self._path.unlink(missing_ok=True)
             self._waiting.clear()
         self.close()
 

@@ -37,6 +37,7 @@ class Logs:
         self._task = task
         self._verifier = verifier
         self._draft: Draft | None = None
+        self._dropped: Draft | None = None
         self._written: dict[Path, bool | None] = {path: _is_correction(path) for path in _logs_in(folder)}
         """Logs, the oldest first, and whether they are corrections; None if that cannot be read."""
         for path in self._written:
@@ -47,7 +48,8 @@ class Logs:
         return claim_next_seed(self.folder)
 
     def begin(self, beginning: Beginning, take: Take) -> None:
-        """An episode begins; nothing is on the disk before its first step."""
+        """An episode's first step is about to be made; what was dropped before it is removed."""
+        self._remove_dropped()
         self._draft = Draft(self.folder / DRAFTS, beginning, take.state)
 
     def go_on_with(self, draft: Draft) -> None:
@@ -64,7 +66,7 @@ class Logs:
         self._in_hand.add(action, idle=take.idle[-1], before=before)
 
     def take_back(self, steps: int) -> None:
-        """Steps were taken back.
+        """Steps were taken back; there were some.
 
         Raises:
             DraftNotWritten: As for :meth:`add`.
@@ -72,12 +74,30 @@ class Logs:
         self._in_hand.take_back(steps)
 
     def drop(self) -> None:
-        """Nobody wants the episode in hand."""
-        self._in_hand.remove()
+        """Nobody wants the episode in hand; it stays on the disk until another begins, for a slip is one key away."""
+        self._remove_dropped()
+        self._draft, self._dropped = None, self._draft
+
+    def bring_back(self) -> None:
+        """The episode that was dropped is in hand again."""
+        self._draft, self._dropped = self._dropped, None
+
+    def remove(self) -> None:
+        """The episode in hand has no steps: leave nothing of it on the disk."""
+        if self._draft:
+            self._draft.remove()
+            self._draft = None
 
     def close(self) -> None:
-        """Leave the episode in hand on the disk, for somebody to take it up."""
-        self._in_hand.close()
+        """Leave the episode in hand, and one that was dropped before it, on the disk, for somebody to take up."""
+        for draft in (self._draft, self._dropped):
+            if draft:
+                draft.close()
+
+    def _remove_dropped(self) -> None:
+        if self._dropped:
+            self._dropped.remove()
+            self._dropped = None
 
     def keep(self, log: OperatorLog) -> str:
         """Write the episode in hand, whole and onto the disk, and have it checked.

@@ -24,8 +24,7 @@ class Provenance:
     Attributes:
         operator: Name of the operator, empty if nobody gave one.
         device: What the operator held, with the keys' map and the time scale.
-        began: When the first step was made, in ISO 8601.
-        ended: When the last one was.
+        ended: When the last step was made, in ISO 8601.
         parent: Id of the rollout that it corrects, if it does.
         parent_step: Step of that rollout from which it goes.
         parent_actions: What was done before that step ``(parent_step, 10)``.
@@ -33,7 +32,6 @@ class Provenance:
 
     operator: str
     device: str
-    began: str
     ended: str
     parent: str | None = None
     parent_step: int | None = None
@@ -48,6 +46,7 @@ class Take(EpisodeRecorder):
         idle: Whether the operator commanded nothing, a step.
         assembled_before: Pairs that were assembled where it begins.
         began_closed: Whether the gripper had been told to close where it begins.
+        began: When its first step was made, in ISO 8601; empty before that.
     """
 
     def __init__(self, env: AssemblyEnv, seed: int, state: NDArray[np.float64] | None = None) -> None:
@@ -64,7 +63,9 @@ class Take(EpisodeRecorder):
         self.idle: list[bool] = []
         self.assembled_before = int(StateSections.of(env, self.state[None]).assembled.sum())
         self.began_closed = bool(env.data.ctrl[NUM_ARM_JOINTS] < 0)
+        self.began = ""
         self._infos: list[Mapping[str, Any]] = []
+        self._left = self.state
 
     def act(self, action: NDArray[Any], *, idle: bool) -> None:
         """Record the present observation and simulator state with the action, then execute it.
@@ -93,6 +94,18 @@ class Take(EpisodeRecorder):
         self.observation, self.done = self._env.observation(), False
         self.info = self._infos[-1] if self._infos else {}
         return steps
+
+    def leave(self) -> None:
+        """Another episode gets the environment; :meth:`come_back` goes on with this one."""
+        self._left = self.state
+
+    def come_back(self) -> None:
+        """Go on where it was left, bit for bit.
+
+        Raises:
+            InvalidEpisode: If the simulation had diverged then.
+        """
+        self._env.set_state(self._left)
 
     @property
     def state(self) -> NDArray[np.float64]:
@@ -135,7 +148,7 @@ class Take(EpisodeRecorder):
             parent_step=by.parent_step,
             device=by.device,
             operator=by.operator or None,
-            recorded_at=f"{by.began}/{by.ended}",
+            recorded_at=f"{self.began}/{by.ended}",
         )
         timestamp_s = np.arange(len(self), dtype=np.float64) * STEP_S
         return OperatorLog.of(self.episode(record), timestamp_s, np.array(self.idle), by.parent_actions)

@@ -45,4 +45,4 @@ def corrected_from(origin: Origin) -> OperatorLog:
     while not take.done:
         wish = operator.act(take.observation)
         take.act(wish.action, idle=wish.idle)
-    return take.log(Provenance("Anna", "keyboard", "began", "ended", origin.parent, origin.step, origin.actions))
+    return take.log(Provenance("Anna", "keyboard", "ended", origin.parent, origin.step, origin.actions))

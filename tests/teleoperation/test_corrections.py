@@ -18,13 +18,14 @@ from juicer.episode import ID_DIGITS, Episode, Outcome, Source
 from juicer.errors import EvaluationOnly, InvalidEpisode, NotCorrectable, RejectedLog, StateMissing, UnusableDraft
 from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.sim.env import AssemblyEnv
+from juicer.teleoperation.choice import Choice
 from juicer.teleoperation.controls import Intent
 from juicer.teleoperation.drafts import DRAFTS, left_in, read_draft
 from juicer.teleoperation.key_maps import Action
 from juicer.teleoperation.logs import Logs
 from juicer.teleoperation.origin import Origin, origin_of
 from juicer.teleoperation.verification import Verdict, Verifier, verify
-from juicer.teleoperation.work import Choice, Ending, Work
+from juicer.teleoperation.work import Ending, Work
 from tests.reader import Reader
 from tests.teleoperation.conftest import assemble
 from tests.teleoperation.rollouts import STUCK_FOR, corrected_from

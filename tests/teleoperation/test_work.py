@@ -9,6 +9,7 @@ import pytest
 
 from juicer.demonstration.ingestion import Ingestion, IngestionConfig, steps_to_keep
 from juicer.demonstration.log import read_log
+from juicer.episode import Outcome
 from juicer.errors import UnusableDraft
 from juicer.seed_ranges import Purpose, check_seeds
 from juicer.teleoperation.controls import Intent
@@ -131,14 +132,62 @@ def test_a_success_that_is_none_yet_is_not_saved(work):
     assert work.logs.kept == ()
 
 
-def test_discard_begins_another_initial_state_and_leaves_nothing_behind(work):
+def test_discard_begins_another_initial_state_and_leaves_nothing_behind_once_that_has_steps(work):
     seed = work.take.seed
     move(work, 10)
     work.obey([Action.DISCARD])
     assert work.take.seed != seed
     assert len(work.take) == 0
-    work.logs.close()
+    move(work, 3)
+    work.obey([Action.UNDO])
+    assert len(work.take) == 0
+    work.obey([Action.UNDO])
+    assert len(work.take) == 0, "what was discarded before that is gone"
+    work.obey([Action.DISCARD])
+    work.close()
     assert left_in(work.logs.folder / DRAFTS) == []
+
+
+@pytest.mark.parametrize("slip", [Action.DISCARD, Action.RESET])
+def test_undo_brings_back_what_was_discarded_by_a_slip_bit_for_bit(work, slip):
+    move(work, 10)
+    work.obey([Action.GRIPPER])
+    move(work, 20)
+    seed, state = work.take.seed, work.take.state
+    work.obey([slip])
+    work.obey([slip])
+    assert "Undo brings back" in work.sentence
+    move(work, 5, STILL)
+    work.obey([Action.UNDO])
+    assert (work.take.seed, len(work.take), work.gripper_closes) == (seed, 30, True)
+    assert work.take.state.tobytes() == state.tobytes()
+    assert "back, with its 30 steps" in work.sentence
+    work.obey([Action.UNDO])
+    assert len(work.take) == 20
+    move(work, 5)
+    work.logs.close()
+    (draft,) = left_in(work.logs.folder / DRAFTS)
+    assert len(read_draft(draft).steps) == 25
+
+
+def test_what_was_discarded_last_is_offered_after_the_end(work):
+    move(work, 10)
+    seed = work.take.seed
+    work.obey([Action.DISCARD])
+    work.close()
+    (draft,) = left_in(work.logs.folder / DRAFTS)
+    assert (read_draft(draft).beginning.seed, len(read_draft(draft).steps)) == (seed, 10)
+
+
+def test_a_failure_that_was_discarded_is_still_one_when_it_is_back(work, monkeypatch):
+    move(work, 10)
+    monkeypatch.setattr(work.take, "done", True)
+    monkeypatch.setitem(work.take.info, "outcome", Outcome.PART_LOST)
+    work.obey([Action.DISCARD])
+    assert move(work, 1, STILL) == [False]
+    work.obey([Action.UNDO])
+    assert work.ending is Ending.FAILED
+    assert len(work.take) == 10
 
 
 def test_reset_begins_the_same_initial_state_anew(work):

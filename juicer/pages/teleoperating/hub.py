@@ -17,6 +17,7 @@ from juicer.pages.teleoperating.wire import Begin, Correct, Order, Pace, Resume
 from juicer.sim.env import STEP_S
 from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import Randomness
+from juicer.teleoperation.choice import Choice
 from juicer.teleoperation.controls import ControllerState, Controls
 from juicer.teleoperation.drafts import DRAFTS, LeftDraft, left_in, read_draft, remove_draft
 from juicer.teleoperation.key_maps import DEFAULT, DESCRIPTIONS, PRESETS, KeyMap, Motion, find_key_map, read_key_map
@@ -27,7 +28,7 @@ from juicer.teleoperation.painter import PANES, Frame, Painter
 from juicer.teleoperation.session import Session
 from juicer.teleoperation.spacemouse import SpaceMouse, open_spacemouse
 from juicer.teleoperation.verification import Verifier
-from juicer.teleoperation.work import Choice, Work
+from juicer.teleoperation.work import Work
 from juicer.text import printable
 
 MOST_DRAFTS = 10

@@ -203,6 +203,27 @@ def test_a_gamepad_drives_too(tmp_path, browser):
         browser.until("teleop.status.phase === 'paused'")
 
 
+def test_the_press_that_wakes_a_gamepad_is_not_obeyed_and_the_next_one_is(tmp_path, browser):
+    """A page sees a gamepad only once a button is pressed; B discards."""
+    with serving(tmp_path) as server:
+        begin(browser, server.teleop)
+        browser.key_down("KeyA")
+        browser.until("teleop.status.step >= 5")
+        browser.key_up("KeyA")
+        browser.evaluate(
+            "window.pad = {connected: true, mapping: 'standard', axes: [0, 0, 0, 0],"
+            " buttons: Array.from({length: 17}, (_, index) => ({pressed: index === 1, value: 0}))};"
+            "navigator.getGamepads = () => [window.pad]"
+        )
+        time.sleep(0.5)
+        assert shown(browser, "seed") == 500000
+        assert shown(browser, "step") >= 5
+        browser.evaluate("pad.buttons[1].pressed = false")
+        time.sleep(0.2)
+        browser.evaluate("pad.buttons[1].pressed = true")
+        browser.until("teleop.status.seed === 500001")
+
+
 OVERTAKEN = """
 import('/static/teleop/screen.js').then(async ({Screen}) => {
   const source = new OffscreenCanvas(640, 480), place = document.createElement('div');

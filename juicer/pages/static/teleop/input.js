@@ -112,14 +112,19 @@ export class Input extends EventTarget {
   /** The first gamepad in the standard mapping: what is held, counted presses, and its axes. */
   #pad() {
     const pad = [...navigator.getGamepads?.() ?? []].find((each) => each?.connected && each.mapping === "standard");
-    if (!pad) return { held: [], axes: null, moved: false };
+    if (!pad || !this.#drives()) {
+      this.#pads.clear();
+      return { held: [], axes: null, moved: false };
+    }
+    // A page sees a gamepad only once something is pressed: that press woke it, and is not meant for the robot.
+    const isNew = !this.#pads.size;
     const held = [];
     let moved = pad.axes.some((value) => Math.abs(value) > 0.15);
     pad.buttons.forEach(({ pressed }, index) => {
       const name = BUTTONS[index];
       if (!name || index === LT || index === RT) return;
       if (pressed) held.push(name);
-      if (pressed && !this.#pads.get(name)) this.#edges[name] = (this.#edges[name] ?? 0) + 1;
+      if (pressed && !isNew && !this.#pads.get(name)) this.#edges[name] = (this.#edges[name] ?? 0) + 1;
       this.#pads.set(name, pressed);
       moved ||= pressed;
     });
