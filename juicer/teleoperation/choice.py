@@ -12,7 +12,7 @@ class Choice:
     Attributes:
         task: Assembly task.
         randomness: Level of the initial states.
-        operator: Name of the operator, for the logs; may be empty.
+        operator: Name of the operator who begins, for the logs; may be empty.
         target: Demonstrations wanted.
         keys: Name of the key map, for the logs.
     """

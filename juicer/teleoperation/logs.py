@@ -10,6 +10,7 @@ from juicer.artifacts.integrity import sync
 from juicer.demonstration.log import SUFFIX, LogFile, OperatorLog, write_log
 from juicer.errors import LogNotWritten, RejectedLog
 from juicer.teleoperation.drafts import DRAFTS, Beginning, Draft
+from juicer.teleoperation.drivers import Driver
 from juicer.teleoperation.seeds import claim_next_seed
 from juicer.teleoperation.status import Kept
 from juicer.teleoperation.take import Take
@@ -64,6 +65,10 @@ class Logs:
         """
         before, action = take.last_step
         self._in_hand.add(action, idle=take.idle[-1], before=before)
+
+    def add_driver(self, driver: Driver) -> None:
+        """Somebody drives from now on, or otherwise."""
+        self._in_hand.add_driver(driver)
 
     def take_back(self, steps: int) -> None:
         """Steps were taken back; there were some.

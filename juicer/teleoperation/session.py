@@ -51,7 +51,7 @@ class Session:
         self._after = self._before
         self._stepped_at, self._goes_on_at = now, now
         self._moved_by = -1
-        self._time_scale, self._undo_s = 1.0, work.undo_s
+        self._time_scale, self._undo_s, self._operator = 1.0, work.undo_s, work.operator
         self._snapshot = self._look(now, first_number)
 
     def start(self) -> None:
@@ -67,8 +67,15 @@ class Session:
         with self._changed:
             self._changed.notify_all()
 
-    def take_over(self, controls: Controls) -> None:
-        """Somebody takes the controls; what was heard before counts no more."""
+    def take_over(self, controls: Controls, operator: str | None = None) -> None:
+        """Somebody takes the controls; what was heard before counts no more.
+
+        Args:
+            controls: Turns what is heard into what is wanted.
+            operator: Name of who drives from now on; it stays the same person if None.
+        """
+        if operator is not None:
+            self._operator = operator
         self._inbox.take_over(controls)
 
     def hear(self, state: ControllerState) -> bool:
@@ -112,7 +119,7 @@ class Session:
 
     def _step(self, now: float) -> None:
         work, heard = self._work, self._inbox.get(now)
-        work.time_scale, work.undo_s = self._time_scale, self._undo_s
+        work.time_scale, work.undo_s, work.operator = self._time_scale, self._undo_s, self._operator
         work.obey(heard.intent.presses)
         if work.ending and now >= self._goes_on_at:
             work.go_on()
@@ -158,7 +165,7 @@ class Session:
             sentence=work.sentence,
             task=choice.task,
             randomness=choice.randomness,
-            operator=choice.operator,
+            operator=self._operator,
             keys=choice.keys,
             target=choice.target,
             time_scale=self._time_scale,

@@ -23,11 +23,12 @@ from juicer.sim.env import STEP_S, AssemblyEnv
 from juicer.teleoperation.choice import Choice
 from juicer.teleoperation.controls import Intent
 from juicer.teleoperation.drafts import Beginning, LeftDraft
+from juicer.teleoperation.drivers import Driver
 from juicer.teleoperation.key_maps import Action
 from juicer.teleoperation.logs import Logs
 from juicer.teleoperation.origin import Origin
 from juicer.teleoperation.status import Phase
-from juicer.teleoperation.take import Provenance, Take
+from juicer.teleoperation.take import Take
 
 UNDO_STEPS = 10
 IDLE_STEPS = 300
@@ -63,6 +64,7 @@ class Work:
         choice: What is recorded.
         take: The episode in hand.
         ending: Why it goes on no more; None as long as it does.
+        operator: Name of who drives now, for the logs.
         undo_s: Seconds that the longer undo takes back.
         time_scale: Simulated seconds a second, for the logs.
     """
@@ -84,6 +86,7 @@ class Work:
         self.choice = choice
         self.logs = logs
         self._origin = origin
+        self.operator = choice.operator
         self.undo_s = 5.0
         self.time_scale = 1.0
         self.env = AssemblyEnv(choice.task, choice.randomness, max_steps=MOST_STEPS)
@@ -120,11 +123,16 @@ class Work:
         take.began, self._dropped = _now(), None
         beginning = Beginning(
             task=choice.task, randomness=choice.randomness, seed=take.seed, began=take.began,
-            operator=choice.operator, keys=choice.keys,
+            operator=self.operator, keys=choice.keys,
             parent=origin.parent if origin else None, parent_step=origin.step if origin else None,
             parent_actions=origin.actions.tolist() if origin else None,
         )  # fmt: skip
         self.logs.begin(beginning, take)
+
+    def _add_driver(self, driver: Driver) -> None:
+        if driver not in self.take.drivers:
+            self.take.drivers.append(driver)
+            self.logs.add_driver(driver)
 
     def _drop(self) -> None:
         """Nobody wants the episode in hand; :meth:`_bring_back` makes up for a slip."""
@@ -157,7 +165,7 @@ class Work:
         take = Take(self.env, beginning.seed, left.state)
         resumed = left.resume(self.env, lambda action, idle: take.act(action, idle=idle))
         self.logs.go_on_with(left.take_up(resumed))
-        self.take, take.began = take, beginning.began
+        self.take, take.began, take.drivers = take, beginning.began, list(left.drivers)
         lost = len(left.steps) - resumed
         self._prepare(
             f"Here you were interrupted, after {resumed} steps"
@@ -168,7 +176,6 @@ class Work:
 
     def _prepare(self, note: str) -> None:
         self.ending: Ending | None = None
-        self._sources: set[str] = set()
         self._hold: NDArray[np.float64] | None = None
         self._gripper = OPEN
         self._toggled = False
@@ -270,7 +277,6 @@ class Work:
         if acts:
             self._grace = IDLE_STEPS + 1
             self._note = ""
-            self._sources.add(source or "keyboard")
         elif not free:
             self._grace = min(self._grace, max(STANDING_STEPS, self._settling))
         self.acts = acts or self._settling > 0
@@ -282,6 +288,8 @@ class Work:
         self._toggled = False
         if not self.take.began:
             self._begin_draft()
+        if acts:
+            self._add_driver(Driver(self.operator, source or "keyboard", self.choice.keys, self.time_scale))
         self.take.act(self._action(intent if acts else Intent()), idle=not acts)
         try:
             self.logs.add(self.take)
@@ -316,27 +324,14 @@ class Work:
             self._note = f"{what}: take steps back or discard the episode"
 
     def _keep(self) -> None:
-        keys = f"keys {self.choice.keys}, time scale {self.time_scale:g}"
-        device = f"{' and '.join(sorted(self._sources)) or 'keyboard'}, {keys}"
         try:
-            name = self.logs.keep(self.take.log(self._provenance(device)))
+            name = self.logs.keep(self.take.log(_now(), self._origin))
         except (JuicerError, OSError) as error:
             self.ending = Ending.NOT_WRITTEN
             self._note = f"Assembled, but {error}; as soon as you have made room it is saved, or discard it"
             return
         self.ending = Ending.KEPT
         self._note = f"Assembled, and written as {name}; it is being checked"
-
-    def _provenance(self, device: str) -> Provenance:
-        origin = self._origin
-        return Provenance(
-            operator=self.choice.operator,
-            device=device,
-            ended=_now(),
-            parent=origin.parent if origin else None,
-            parent_step=origin.step if origin else None,
-            parent_actions=origin.actions if origin else None,
-        )
 
     def close(self) -> None:
         """Stop; what was recorded of the episode in hand stays on the disk."""

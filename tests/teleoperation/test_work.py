@@ -319,6 +319,38 @@ def test_an_initial_state_that_the_disk_refuses_is_said_and_given_once_there_is_
     assert assembled.ending is None
 
 
+def test_a_log_says_all_who_drove_with_what_and_how_fast_also_after_an_interruption(make_work):
+    first = make_work()
+    first.time_scale = 0.25
+    move(first, 3, source="gamepad")
+    first.operator = "Ben"
+    first.time_scale = 1.0
+    move(first, 3)
+    first.close()
+    second = make_work(operator="Cleo", keys="isaaclab")
+    (path,) = left_in(second.logs.folder / DRAFTS)
+    second.resume(read_draft(path))
+    move(second, 3, STILL)
+    log = second.take.log("ended")
+    assert (log.operator, log.device) == ("Anna and Ben", "gamepad and keyboard, keys original, time scale 0.25 and 1")
+    move(second, 3)
+    log = second.take.log("ended")
+    assert log.operator == "Anna and Ben and Cleo"
+    assert log.device == "gamepad and keyboard, keys original and isaaclab, time scale 0.25 and 1"
+
+
+def test_an_episode_begins_with_its_first_step(work, monkeypatch):
+    times = iter(("prepared", "first step", "second step"))
+    monkeypatch.setattr("juicer.teleoperation.work._now", lambda: next(times))
+    assert next(times) == "prepared"
+    move(work, 5, STILL)
+    move(work, 2)
+    assert work.take.log("ended").recorded_at == "first step/ended"
+    work.logs.close()
+    (path,) = left_in(work.logs.folder / DRAFTS)
+    assert read_draft(path).beginning.began == "first step"
+
+
 def test_an_interrupted_episode_of_another_task_is_refused(make_work):
     first = make_work()
     move(first, 8)

@@ -123,15 +123,15 @@ class Hub:
         """Whether a page has the controls."""
         return self._driver is client
 
-    def give_controls(self, client: Client) -> None:
-        """A page takes the controls from whoever has them."""
+    def give_controls(self, client: Client, operator: str | None = None) -> None:
+        """A page takes the controls from whoever has them; the operator is the same as before if None."""
         self._driver = client
         if self._session:
             # What was pressed in vain, while somebody else had the controls, is not to be done now.
             pressed = dict(client.state.edges) if client.state else {}
             with suppress(DeviceUnavailable):
                 pressed |= self._mouse.read().edges if self._mouse else {}
-            self._session.take_over(Controls(self._key_map, pressed))
+            self._session.take_over(Controls(self._key_map, pressed), operator)
         self._wake_all()
 
     def hear(self, client: Client, state: ControllerState) -> None:

@@ -97,6 +97,13 @@ class Pace(StrictConfig):
     undo_s: float = Field(ge=0.1, le=60)
 
 
+class TakeOver(StrictConfig):
+    """Take the controls from whoever has them: who drives from then on."""
+
+    kind: Literal["take over"]
+    operator: Name = ""
+
+
 class Acknowledge(StrictConfig):
     """A frame was painted: another may be sent."""
 
@@ -107,10 +114,10 @@ class Acknowledge(StrictConfig):
 class Simple(StrictConfig):
     """What needs no more words."""
 
-    kind: Literal["take over", "release", "end", "numbers"]
+    kind: Literal["release", "end", "numbers"]
 
 
-Command = Begin | Correct | Resume | Pace | Acknowledge | Simple
+Command = Begin | Correct | Resume | Pace | TakeOver | Acknowledge | Simple
 _COMMAND: TypeAdapter[Command] = TypeAdapter(Annotated[Command, Field(discriminator="kind")])
 
 

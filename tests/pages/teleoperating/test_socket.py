@@ -150,9 +150,10 @@ def test_a_second_page_watches_and_cannot_steer_until_it_takes_over(page, connec
     other.say({"kind": "begin", "task": "lamp"})
     other.until(lambda: len(other.refusals) == 1, silent=True)
     assert "another page has the controls" in other.refusals[0]
-    other.say({"kind": "take over"})
+    other.say({"kind": "take over", "operator": "Ben"})
     other.until(lambda: other.status["drives"], silent=True)
     other.until(lambda: other.steps() >= 3, "KeyA")
+    assert other.status["operator"] == "Ben"
     page.until(lambda: not page.status["drives"], silent=True)
     other.say({"kind": "release"})
     other.until(lambda: other.status["phase"] == "paused", silent=True)

@@ -70,6 +70,7 @@ function greet(content) {
       field.value = remembered;
     }
   }
+  element("take-over").operator.value = form.operator.value;
   screen = new Screen(element("panes"), content.panes);
 }
 
@@ -252,8 +253,10 @@ element("begin").addEventListener("submit", (event) => {
   document.activeElement?.blur();
   input.isActive = true;
 });
-element("take-over").addEventListener("click", () => {
-  connection.send({ kind: "take over" });
+element("take-over").addEventListener("submit", (event) => {
+  event.preventDefault();
+  connection.send({ kind: "take over", operator: event.target.operator.value });
+  document.activeElement?.blur();
   input.isActive = true;
 });
 element("end").addEventListener("click", () => connection.send({ kind: "end" }));
