@@ -158,6 +158,61 @@ def test_a_key_that_is_held_when_the_page_loses_focus_is_let_go(tmp_path, browse
         assert browser.evaluate("document.querySelector('#phase').textContent") == "Paused"
 
 
+def sentence_of(browser: Chromium) -> str:
+    return browser.evaluate("document.querySelector('#sentence').textContent")
+
+
+def test_whoever_watches_reads_whether_somebody_drives_and_has_no_controls_that_do_nothing(tmp_path, browser):
+    with serving(tmp_path) as server:
+        begin(browser, server.teleop)
+        browser.evaluate(
+            "window.other = new WebSocket(`ws://${location.host}/teleop/live`);"
+            "other.onopen = () => other.send(JSON.stringify({kind: 'take over', operator: 'Ben'}))"
+        )
+        browser.until("document.querySelector('#steering').disabled")
+        assert sentence_of(browser).startswith("Somebody else drives")
+        assert not browser.evaluate("document.querySelector('#sound').matches(':disabled')")
+        browser.evaluate("other.close()")
+        browser.until("document.querySelector('#sentence').textContent.startsWith('Nobody drives')")
+        browser.evaluate("document.querySelector('#take-over button').click()")
+        browser.until("!document.querySelector('#steering').disabled")
+        browser.until("teleop.status.operator === 'scripted hands'")
+        browser.key_down("KeyA")
+        browser.until("teleop.status.step >= 3")
+        browser.key_up("KeyA")
+
+
+def test_the_lists_show_the_pace_and_the_longer_undo_that_hold(tmp_path, browser):
+    with serving(tmp_path) as server:
+        begin(browser, server.teleop)
+        browser.evaluate(
+            "document.querySelector('#undo-s').value = '30'; document.querySelector('#time-scale').value = '0.5';"
+            "document.querySelector('#undo-s').dispatchEvent(new Event('change'))"
+        )
+        browser.until("teleop.status.undo_s === 30")
+        browser.open(server.teleop)
+        browser.until("document.querySelector('#time-scale').value === '0.5'")
+        assert browser.evaluate("document.querySelector('#undo-s').value") == "30"
+
+
+def test_space_presses_what_the_keyboard_has_chosen_and_drives_after_a_click(tmp_path, browser):
+    with serving(tmp_path) as server:
+        begin(browser, server.teleop)
+        browser.evaluate("document.querySelector('#sound').focus()")
+        browser.press("Space")
+        assert browser.evaluate("document.querySelector('#sound').checked")
+        x, y = browser.evaluate(
+            "(() => { const button = document.querySelector('#actions button'); button.scrollIntoView();"
+            " const {x, y} = button.getBoundingClientRect(); return [x + 5, y + 5]; })()"
+        )
+        for kind in ("mousePressed", "mouseReleased"):
+            browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+        browser.until("document.activeElement === document.body")
+        assert not shown(browser, "gripper_closes")
+        browser.press("Space")
+        browser.until("teleop.status.gripper_closes")
+
+
 def test_a_line_that_is_late_and_unsteady_is_no_reason_to_pause(tmp_path, browser):
     with SlowLine(40, jitter_ms=80) as line, serving(tmp_path, JUICER_ALLOWED_HOSTS=f"127.0.0.1:{line.port}") as server:
         line.lead_to(server.port)

@@ -12,6 +12,9 @@ const PAGE_KEYS = new Set(["Tab", "Escape"]);
 const takesText = (target) =>
   target instanceof HTMLInputElement && target.type !== "checkbox" ? true : target instanceof HTMLSelectElement;
 
+/** Whether a key presses what has the focus. */
+const presses = (code, target) => (code === "Space" || code === "Enter") && target.matches?.("button, a, input, summary");
+
 export class Input extends EventTarget {
   #keys = new Set();
   #edges = {};
@@ -40,6 +43,10 @@ export class Input extends EventTarget {
   /** Keys that mean something; others are the browser's. */
   bind(codes) {
     this.#bound = new Set(codes);
+  }
+
+  get drives() {
+    return this.#drives();
   }
 
   get held() {
@@ -74,7 +81,7 @@ export class Input extends EventTarget {
       this.dispatchEvent(new Event("help"));
       return;
     }
-    if (!this.#drives() || PAGE_KEYS.has(code) || !this.#bound.has(code)) return;
+    if (!this.#drives() || PAGE_KEYS.has(code) || !this.#bound.has(code) || presses(code, event.target)) return;
     event.preventDefault();
     if (event.repeat || this.#keys.has(code)) return;
     this.#source = "keyboard";

@@ -106,8 +106,9 @@ function show(news) {
   const phase = status.drives ? status.phase : "watching";
   element("state").dataset.phase = phase;
   say("phase", phases[phase]);
-  say("sentence", status.drives ? status.sentence : `Somebody else drives (${phases[status.phase].toLowerCase()}); you watch`);
+  say("sentence", status.drives ? status.sentence : watching());
   element("take-over").hidden = status.drives;
+  element("steering").disabled = !status.drives;
   say("demonstrations", status.demonstrations);
   say("corrections", status.corrections);
   say("target", status.target);
@@ -118,9 +119,15 @@ function show(news) {
   if (news.kept) showKept(status.kept);
   say("logs-line", `logs: ${status.folder}`);
   if (news.time_scale) element("time-scale").value = status.time_scale;
+  if (news.undo_s) element("undo-s").value = status.undo_s;
   if (news.numbers) say("number-list", numbers(status.numbers));
   trouble(status.problem);
   announce(before, phase);
+}
+
+function watching() {
+  if (!status.is_driven) return "Nobody drives; take over the controls to go on";
+  return `Somebody else drives (${phases[status.phase].toLowerCase()}); you watch`;
 }
 
 function episode() {
@@ -247,6 +254,7 @@ element("begin").addEventListener("submit", (event) => {
   for (const { name, value } of rememberedFields(event.target)) localStorage.setItem(`teleop.${name}`, value);
   const { target, episode, step, ...choice } = Object.fromEntries(new FormData(event.target));
   const rollout = choice.artifact ? { kind: "correct", episode: Number(episode), step: Number(step) } : { kind: "begin" };
+  element("take-over").operator.value = choice.operator;
   hasBegun = !status.going_on || status.drives;
   connection.send({ kind: "end" });
   connection.send({ ...choice, ...rollout, target: Number(target), spacemouse: event.target.spacemouse.checked });
@@ -269,6 +277,10 @@ for (const id of ["time-scale", "undo-s"]) {
     target.blur();
   });
 }
+addEventListener("click", ({ detail }) => {
+  // Of a mouse: else Space and Enter would press the button again instead of driving. Who uses the keyboard stays there.
+  if (detail && input.drives) setTimeout(() => document.activeElement.matches(".buttons *") && document.activeElement.blur());
+});
 element("show-numbers").addEventListener("change", ({ target }) => {
   element("numbers").hidden = !target.checked;
   if (target.checked) connection.send({ kind: "numbers" });
