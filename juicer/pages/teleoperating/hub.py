@@ -46,6 +46,7 @@ class Client:
         wants_numbers: Whether it asked for the observation as numbers, too.
         reader: Judges its messages.
         state: What it said last of its keys; None before it said anything.
+        was_told: Whether it was told that what it says of its keys does not count.
     """
 
     def __init__(self) -> None:
@@ -58,6 +59,7 @@ class Client:
         self.wants_numbers = False
         self.reader = MessageReader()
         self.state: ControllerState | None = None
+        self.was_told = False
 
     def wake(self) -> None:
         """Look for something to be sent; any thread may call it."""
@@ -135,10 +137,19 @@ class Hub:
         self._wake_all()
 
     def hear(self, client: Client, state: ControllerState) -> None:
-        """Take what a page's operator does; it counts if the page has the controls."""
+        """Take what a page's operator does; it counts if the page has the controls.
+
+        Raises:
+            RefusedMessage: Once a connection, if another page has them.
+        """
         client.state = state
-        if not self._session or not self.drives(client):
+        if not self._session:
             return
+        if not self.drives(client):
+            if client.was_told:
+                return
+            client.was_told = True
+            raise RefusedMessage("another page has the controls, so that what you send does not count; take them over")
         try:
             self._session.hear(state.with_spacemouse(self._mouse.read()) if self._mouse else state)
         except DeviceUnavailable as error:

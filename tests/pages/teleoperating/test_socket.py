@@ -147,9 +147,11 @@ def test_a_second_page_watches_and_cannot_steer_until_it_takes_over(page, connec
     assert not other.status["drives"]
     other.until(lambda: len(other.frames) > 5, "KeyA")
     assert other.steps() == 0
+    assert len(other.refusals) == 1, "it is told once that what it sends does not count"
+    assert "another page has the controls, so that what you send does not count" in other.refusals[0]
     other.say({"kind": "begin", "task": "lamp"})
-    other.until(lambda: len(other.refusals) == 1, silent=True)
-    assert "another page has the controls" in other.refusals[0]
+    other.until(lambda: len(other.refusals) == 2, silent=True)
+    assert "another page has the controls; take them over before you begin" in other.refusals[1]
     other.say({"kind": "take over", "operator": "Ben"})
     other.until(lambda: other.status["drives"], silent=True)
     other.until(lambda: other.steps() >= 3, "KeyA")
@@ -160,6 +162,28 @@ def test_a_second_page_watches_and_cannot_steer_until_it_takes_over(page, connec
     seen = len(page.frames)
     page.until(lambda: len(page.frames) > seen + 10, "KeyD")
     assert page.status["phase"] == "paused"
+
+
+def test_a_device_takes_over_what_the_page_has_begun_and_the_arm_follows_it(page, connect):
+    page.begin()
+    device = connect()
+    device.say({"kind": "numbers"})
+    device.say({"kind": "take over", "operator": "Ben"})
+    device.until(lambda: device.status.get("drives", False) and "numbers" in device.status, silent=True)
+    before = device.status["numbers"]["proprioception"][:3]
+
+    def follow() -> None:
+        device.sequence += 1
+        state = {"source": "pose", "sequence": device.sequence, "clutch": True, "edges": {"clutch": 1}}
+        device.say({**state, "pose_delta": [0, min(0.002 * device.sequence, 0.1), 0, 0, 0, 0]})
+        device.hear()
+
+    end = time.monotonic() + 60
+    while device.status["numbers"]["proprioception"][1] < before[1] + 0.03:
+        assert time.monotonic() < end, "the arm does not follow"
+        follow()
+    assert device.status["operator"] == "Ben"
+    assert device.refusals == []
 
 
 def test_presses_made_in_vain_do_not_count_after_taking_over(page, connect):
