@@ -116,7 +116,7 @@ def test_a_pause_stops_the_world_until_the_operator_continues(work):
     assert move(work, 1) == [True]
 
 
-def test_the_arm_stands_within_a_quarter_of_a_second_when_the_operator_is_gone(work):
+def test_the_arm_comes_to_rest_within_two_steps_when_the_operator_is_gone(work):
     move(work, 10)
     assert move(work, 10, STILL, present=False).count(True) == STANDING_STEPS
     assert STANDING_STEPS * 0.1 <= 0.25
