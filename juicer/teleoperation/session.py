@@ -49,7 +49,7 @@ class Session:
         self._frames, self._steps = Beat(now), Beat(now)
         self._before: NDArray[np.float64] = work.env.data.qpos.copy()
         self._after = self._before
-        self._stepped_at, self._goes_on_at = now, now
+        self._stepped_at, self._goes_on_at = now, now + LAST_LOOK_S
         self._moved_by = -1
         self._time_scale, self._undo_s, self._operator = 1.0, work.undo_s, work.operator
         self._snapshot = self._look(now, first_number)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -257,6 +258,10 @@ def test_corrections_count_apart_from_demonstrations(tmp_path, verifier, log, on
         write_log(tmp_path / f"{number}.npz", log if number else one_leg_log)
     (tmp_path / "broken.npz").write_bytes(b"nothing")
     logs = Logs(tmp_path, "one_leg", verifier)
+    end = time.monotonic() + 120
+    while logs.checking:
+        assert time.monotonic() < end
+        time.sleep(0.05)
     assert (logs.demonstrations, logs.corrections) == (1, 2)
 
 
