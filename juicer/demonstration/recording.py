@@ -43,7 +43,7 @@ class Sitting:
 
 
 def minutes_of(steps: int) -> float:
-    """How long an operator sits at so many steps, one every 0.1 s."""
+    """How long so many steps are, one every 0.1 s; whoever pauses, undoes or drives slowly sits there longer."""
     return round(steps * STEP_S / 60, 2)
 
 

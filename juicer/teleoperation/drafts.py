@@ -1,9 +1,10 @@
 """The episode in hand, on the disk while it is made: a process that is killed loses nothing of it.
 
 A draft is a file of JSON lines. The first says from which state the episode goes, each further one tells of an action,
-or of actions that were taken back. That is enough, for the simulator computes the same again: what a draft is resumed
-to is compared, step by step, with what it was. A line is with the operating system as soon as it is made, so that only
-a power cut can lose the last few. Whoever makes a draft holds a lock on it, which ends with the process.
+of actions that were taken back, or of somebody who drives from there on. That is enough, for the simulator computes the
+same again: what a draft is resumed to is compared, step by step, with what it was. A line is with the operating system
+as soon as it is made, so that only a power cut can lose the last few. Whoever makes a draft holds a lock on it, which
+ends with the process.
 """
 
 from __future__ import annotations
@@ -27,10 +28,13 @@ from juicer.episode import ACTION_SIZE
 from juicer.errors import DraftNotWritten, UnusableDraft
 from juicer.reading import read_bounded
 from juicer.sim.env import AssemblyEnv
+from juicer.teleoperation.drivers import Driver
 from juicer.teleoperation.origin import Origin
 from juicer.text import printable
 
 SUFFIX = ".draft"
+DRAFTS = "drafts"
+"""Name, in the folder of a task's logs, of where its drafts lie."""
 MOST_BYTES = 64 * 2**20
 """Largest draft that is read back; one of the longest log has a tenth of it, if little was taken back."""
 
@@ -121,6 +125,10 @@ class Draft:
         self._put({"action": values, "idle": bool(idle), "before": checksum(before)})
         self._write()
 
+    def add_driver(self, driver: Driver) -> None:
+        """Somebody drives from now on, or otherwise; it is written with the next step."""
+        self._put({"driver": asdict(driver)})
+
     def take_back(self, steps: int) -> None:
         """Take back the last steps.
 
@@ -140,9 +148,10 @@ class Draft:
             self._descriptor = None
 
     def remove(self) -> None:
-        """Remove it: what it holds is saved, or nobody wants it."""
+        """Remove it: what it holds is saved, or nobody wants it. What the disk does not let go is offered again."""
         if self._descriptor is not None:
-            self._path.unlink(missing_ok=True)
+            with suppress(OSError):
+                self._path.unlink(missing_ok=True)
             self._waiting.clear()
         self.close()
 
@@ -170,12 +179,14 @@ class LeftDraft:
         beginning: From where it goes.
         state: Simulator state before the first step.
         steps: Its steps, without those that were taken back.
+        drivers: Who drove, and how, in their order.
     """
 
     path: Path
     beginning: Beginning
     state: NDArray[np.float64]
     steps: tuple[DraftStep, ...]
+    drivers: tuple[Driver, ...]
     _num_bytes: int
 
     @property
@@ -223,15 +234,27 @@ class LeftDraft:
         draft.take_back(len(self.steps) - resumed)
         return draft
 
-    def remove(self) -> None:
-        """Remove it, as nobody wants it."""
-        self.path.unlink(missing_ok=True)
+
+def left_in(*folders: Path) -> list[Path]:
+    """Drafts in some folders whose makers are gone, the latest first."""
+    times = {}
+    for folder in folders:
+        for path in folder.glob(f"[!.]*{SUFFIX}"):
+            with suppress(FileNotFoundError):
+                times[path] = path.stat().st_mtime
+    return sorted(filter(_is_left, times), key=lambda path: times[path], reverse=True)
 
 
-def left_in(folder: Path) -> list[Path]:
-    """Drafts whose makers are gone, the latest first."""
-    left = [path for path in folder.glob(f"*{SUFFIX}") if _is_left(path)]
-    return sorted(left, key=lambda path: path.stat().st_mtime, reverse=True)
+def remove_draft(path: Path) -> None:
+    """Remove a draft that nobody wants, whether or not it can be read.
+
+    Raises:
+        UnusableDraft: If the disk refuses that.
+    """
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise UnusableDraft(f"draft '{printable(path)}' cannot be removed: {error.strerror}") from None
 
 
 def read_draft(path: Path) -> LeftDraft:
@@ -259,10 +282,12 @@ def read_draft(path: Path) -> LeftDraft:
         raise UnusableDraft(f"{where} cannot be read: {error.strerror or error}") from None
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         raise UnusableDraft(f"{where} is damaged from its first line on; remove it") from None
-    steps, num_bytes = _steps(lines)
+    steps, drivers, num_bytes = _told(lines)
     if not steps:
         raise UnusableDraft(f"{where} holds no steps; remove it")
-    return LeftDraft(path, beginning, state, tuple(steps), len(first) + num_bytes)
+    # Drafts of earlier versions do not tell who drives.
+    drivers = drivers or [Driver(printable(beginning.operator), "keyboard", printable(beginning.keys), 1.0)]
+    return LeftDraft(path, beginning, state, tuple(steps), tuple(drivers), len(first) + num_bytes)
 
 
 def checksum(state: NDArray[np.float64]) -> int:
@@ -274,23 +299,29 @@ def _actions(beginning: Beginning) -> NDArray[np.float32]:
     return np.array(beginning.parent_actions or [], np.float32).reshape(-1, ACTION_SIZE)
 
 
-def _steps(lines: Iterable[bytes]) -> tuple[list[DraftStep], int]:
-    """Steps up to the first line that is not whole, and the bytes of these lines."""
+def _told(lines: Iterable[bytes]) -> tuple[list[DraftStep], list[Driver], int]:
+    """Steps and drivers up to the first line that is not whole, and the bytes of these lines."""
     steps: list[DraftStep] = []
+    drivers: list[Driver] = []
     num_bytes = 0
     for line in lines:
         try:
             content: Any = json.loads(line) if line.endswith(b"\n") else None
-            taken_back = int(content.get("take_back", 0))
-            step = None if taken_back else _step(content)
+            if taken_back := int(content.get("take_back", 0)):
+                del steps[max(len(steps) - taken_back, 0) :]
+            elif "driver" in content:
+                drivers.append(_driver(content["driver"]))
+            elif len(steps) < MOST_STEPS:
+                steps.append(_step(content))
         except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
             break
-        if step is None:
-            del steps[max(len(steps) - taken_back, 0) :]
-        elif len(steps) < MOST_STEPS:
-            steps.append(step)
         num_bytes += len(line)
-    return steps, num_bytes
+    return steps, drivers, num_bytes
+
+
+def _driver(content: Mapping[str, Any]) -> Driver:
+    operator, source, keys = (printable(content[name]) for name in ("operator", "source", "keys"))
+    return Driver(operator, source, keys, float(content["time_scale"]))
 
 
 def _step(content: Mapping[str, Any]) -> DraftStep:

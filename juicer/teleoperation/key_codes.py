@@ -17,6 +17,11 @@ KEYS_OF_THE_PAGE: Mapping[str, str] = {
     "Tab": "it moves the focus from one control of the page to the next",
     "Escape": "it closes what is open on the page",
     "Slash": "the page shows its keys with it",
+    **{
+        f"{name}{side}": "browsers make their own shortcuts with it"
+        for name in ("Control", "Alt", "Meta")
+        for side in ("Left", "Right")
+    },
 }
 """Keys that no key map may have, and why."""
 
@@ -28,7 +33,7 @@ KEY_CODES: frozenset[str] = frozenset(
         *(f"F{number}" for number in range(1, 25)),
         *(f"Numpad{name}" for name in ("Add", "Subtract", "Multiply", "Divide", "Decimal", "Enter", "Equal", "Comma")),
         *(f"Arrow{name}" for name in ("Up", "Down", "Left", "Right")),
-        *(f"{name}{side}" for name in ("Shift", "Control", "Alt", "Meta") for side in ("Left", "Right")),
+        *("ShiftLeft", "ShiftRight"),
         *("Space", "Enter", "Backspace", "Delete", "Insert", "Home", "End", "PageUp", "PageDown", "CapsLock"),
         *("Backquote", "Minus", "Equal", "BracketLeft", "BracketRight", "Backslash", "Semicolon", "Quote", "Comma"),
         *("Period", "IntlBackslash", "IntlRo", "IntlYen", "ContextMenu", "Pause", "ScrollLock", "NumLock"),

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import errno
+from contextlib import suppress
 from pathlib import Path
 
 from juicer.artifacts.integrity import sync
 from juicer.demonstration.log import SUFFIX, LogFile, OperatorLog, write_log
-from juicer.errors import RejectedLog
-from juicer.teleoperation.drafts import Beginning, Draft
+from juicer.errors import LogNotWritten, RejectedLog
+from juicer.teleoperation.drafts import DRAFTS, Beginning, Draft
+from juicer.teleoperation.drivers import Driver
 from juicer.teleoperation.seeds import claim_next_seed
 from juicer.teleoperation.status import Kept
 from juicer.teleoperation.take import Take
 from juicer.teleoperation.verification import CHECKING, Verdict, Verification, Verifier
 
 KEPT_SHOWN = 5
-DRAFTS = "drafts"
 
 
 class Logs:
@@ -26,7 +27,7 @@ class Logs:
     """
 
     def __init__(self, folder: Path, task: str, verifier: Verifier) -> None:
-        """Look at what is there.
+        """Look at what is there; what was not checked before is.
 
         Args:
             folder: Where they lie.
@@ -36,17 +37,20 @@ class Logs:
         self.folder = folder
         self._task = task
         self._verifier = verifier
-        self._written: dict[Path, bool] = {}
-        """Logs of this session in their order, and whether they are corrections."""
         self._draft: Draft | None = None
-        self._earlier = Counter(map(_is_correction, folder.glob(f"*{SUFFIX}")))
+        self._dropped: Draft | None = None
+        self._written: dict[Path, bool | None] = {path: _is_correction(path) for path in _logs_in(folder)}
+        """Logs, the oldest first, and whether they are corrections; None if that cannot be read."""
+        for path in self._written:
+            verifier.submit(path, task)
 
     def next_seed(self) -> int:
         """Another initial state, see :func:`~juicer.teleoperation.seeds.claim_next_seed`."""
         return claim_next_seed(self.folder)
 
     def begin(self, beginning: Beginning, take: Take) -> None:
-        """An episode begins; nothing is on the disk before its first step."""
+        """An episode's first step is about to be made; what was dropped before it is removed."""
+        self._remove_dropped()
         self._draft = Draft(self.folder / DRAFTS, beginning, take.state)
 
     def go_on_with(self, draft: Draft) -> None:
@@ -62,8 +66,12 @@ class Logs:
         before, action = take.last_step
         self._in_hand.add(action, idle=take.idle[-1], before=before)
 
+    def add_driver(self, driver: Driver) -> None:
+        """Somebody drives from now on, or otherwise."""
+        self._in_hand.add_driver(driver)
+
     def take_back(self, steps: int) -> None:
-        """Steps were taken back.
+        """Steps were taken back; there were some.
 
         Raises:
             DraftNotWritten: As for :meth:`add`.
@@ -71,12 +79,30 @@ class Logs:
         self._in_hand.take_back(steps)
 
     def drop(self) -> None:
-        """Nobody wants the episode in hand."""
-        self._in_hand.remove()
+        """Nobody wants the episode in hand; it stays on the disk until another begins, for a slip is one key away."""
+        self._remove_dropped()
+        self._draft, self._dropped = None, self._draft
+
+    def bring_back(self) -> None:
+        """The episode that was dropped is in hand again."""
+        self._draft, self._dropped = self._dropped, None
+
+    def remove(self) -> None:
+        """The episode in hand has no steps: leave nothing of it on the disk."""
+        if self._draft:
+            self._draft.remove()
+            self._draft = None
 
     def close(self) -> None:
-        """Leave the episode in hand on the disk, for somebody to take it up."""
-        self._in_hand.close()
+        """Leave the episode in hand, and one that was dropped before it, on the disk, for somebody to take up."""
+        for draft in (self._draft, self._dropped):
+            if draft:
+                draft.close()
+
+    def _remove_dropped(self) -> None:
+        if self._dropped:
+            self._dropped.remove()
+            self._dropped = None
 
     def keep(self, log: OperatorLog) -> str:
         """Write the episode in hand, whole and onto the disk, and have it checked.
@@ -85,22 +111,36 @@ class Logs:
             The name of its log.
 
         Raises:
-            JuicerError: If it cannot be written; it is still in hand then.
+            JuicerError: If it cannot be written, or another log has its name; it is still in hand then.
+            OSError: As for what a disk refuses otherwise.
         """
         # A rollout may be corrected again and again, so that its seed does not make a name.
         name = f"{log.seed:08d}" if log.parent is None else self._in_hand.name
         path = self.folder / f"{name}{SUFFIX}"
-        write_log(path, log)
-        sync(path)
-        sync(self.folder)
+        self._write(path, log)
         self._in_hand.remove()
         self._written[path] = log.parent is not None
         self._verifier.submit(path, self._task)
         return path.name
 
+    def _write(self, path: Path, log: OperatorLog) -> None:
+        """Write a log whole and onto the disk; never in place of another, which somebody has driven, too."""
+        whole = self.folder / DRAFTS / path.name
+        whole.parent.mkdir(parents=True, exist_ok=True)
+        write_log(whole, log)
+        try:
+            sync(whole)
+            path.hardlink_to(whole)
+        except FileExistsError:
+            reason = "there is a file of that name, which is not replaced; move it elsewhere"
+            raise LogNotWritten(errno.EEXIST, reason, str(path)) from None
+        finally:
+            whole.unlink(missing_ok=True)
+        sync(self.folder)
+
     @property
     def demonstrations(self) -> int:
-        """Demonstrations in the folder, without those of this session that were not, or not yet, found good."""
+        """Demonstrations in the folder, without those that were not, or not yet, found good."""
         return self._good(corrections=False)
 
     @property
@@ -110,15 +150,20 @@ class Logs:
 
     def _good(self, *, corrections: bool) -> int:
         good = (Verdict.VERIFIED, Verdict.UNCHECKED)
-        return self._earlier[corrections] + sum(
+        return sum(
             self._verification(path).verdict in good
             for path, is_correction in self._written.items()
             if is_correction is corrections
         )
 
     @property
+    def checking(self) -> int:
+        """Logs whose check has not come to an end."""
+        return sum(self._verification(path) == CHECKING for path in self._written)
+
+    @property
     def kept(self) -> tuple[Kept, ...]:
-        """What became of the last episodes of this session, the newest first."""
+        """What became of the last episodes in the folder, the newest first."""
         return tuple(Kept(path.name, self._verification(path)) for path in list(self._written)[: -KEPT_SHOWN - 1 : -1])
 
     def _verification(self, path: Path) -> Verification:
@@ -128,6 +173,15 @@ class Logs:
     def _in_hand(self) -> Draft:
         assert self._draft is not None, "no episode has begun"
         return self._draft
+
+
+def _logs_in(folder: Path) -> list[Path]:
+    """Logs, the oldest first."""
+    times = {}
+    for path in folder.glob(f"*{SUFFIX}"):
+        with suppress(FileNotFoundError):
+            times[path] = (path.stat().st_mtime, path.name)
+    return sorted(times, key=lambda path: times[path])
 
 
 def _is_correction(path: Path) -> bool | None:

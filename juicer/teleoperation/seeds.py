@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import errno
+import re
 from pathlib import Path
 
+from juicer.demonstration.log import SUFFIX as LOG_SUFFIX
 from juicer.errors import LogNotWritten, NothingLeft
 from juicer.seed_ranges import SEED_RANGES, Purpose
+from juicer.teleoperation.drafts import DRAFTS
+from juicer.teleoperation.drafts import SUFFIX as DRAFT_SUFFIX
 
 _CLAIMED = "seeds"
 _OWN = SEED_RANGES[Purpose.DEMONSTRATIONS]
@@ -17,7 +21,8 @@ SEEDS = _OWN[len(_OWN) // 2 :]
 def claim_next_seed(folder: Path) -> int:
     """The next initial-state seed that nobody has had who records into this folder; it will not be given again.
 
-    A mark on the disk says so, whatever becomes of the recording and whoever else records at the same time.
+    A mark on the disk says so, whatever becomes of the recording and whoever else records at the same time. Recordings
+    that came without their marks, from a copy or a backup, count as well, and so do interrupted episodes.
 
     Args:
         folder: Where a task's logs go; it is made if need be.
@@ -29,7 +34,8 @@ def claim_next_seed(folder: Path) -> int:
     claimed = folder / _CLAIMED
     try:
         claimed.mkdir(parents=True, exist_ok=True)
-        taken = [int(mark.name) for mark in claimed.iterdir() if mark.name.isdecimal()]
+        files = [*claimed.iterdir(), *folder.glob(f"*{LOG_SUFFIX}"), *folder.glob(f"{DRAFTS}/*{DRAFT_SUFFIX}")]
+        taken = [seed for seed in map(_seed_of, files) if seed in SEEDS]
         for seed in range(max([SEEDS[0] - 1, *taken]) + 1, SEEDS[-1] + 1):
             try:
                 (claimed / f"{seed:08d}").touch(exist_ok=False)
@@ -39,3 +45,9 @@ def claim_next_seed(folder: Path) -> int:
     except OSError as error:
         raise LogNotWritten(error.errno or errno.EIO, error.strerror or "the disk refuses", str(claimed)) from None
     raise NothingLeft(f"all {len(SEEDS):,} initial states for demonstrations by people were used in '{folder}'")
+
+
+def _seed_of(file: Path) -> int:
+    """The seed that the name of a mark, a log or a draft begins with; -1 if it begins with none."""
+    digits = re.match(r"\d{8}(?!\d)", file.name)
+    return int(digits.group()) if digits else -1

@@ -16,12 +16,14 @@ from juicer.teleoperation.beat import Beat
 from juicer.teleoperation.controls import ControllerState, Controls
 from juicer.teleoperation.inbox import Inbox
 from juicer.teleoperation.status import Phase, Snapshot, Status
-from juicer.teleoperation.work import Ending, Work
+from juicer.teleoperation.work import Work
 
 FRAME_S = 0.05
 """Between two moments that are shown."""
 LAST_LOOK_S = 1.5
 """How long a success is looked at before the next episode begins."""
+RETRY_S = 1.0
+"""Between two tries to write what the disk refuses."""
 SLOWEST, FASTEST = 0.25, 1.0
 LONGEST_UNDO_S = 60.0
 
@@ -47,9 +49,9 @@ class Session:
         self._frames, self._steps = Beat(now), Beat(now)
         self._before: NDArray[np.float64] = work.env.data.qpos.copy()
         self._after = self._before
-        self._stepped_at, self._ended_at = now, now
+        self._stepped_at, self._goes_on_at = now, now + LAST_LOOK_S
         self._moved_by = -1
-        self._time_scale, self._undo_s = 1.0, work.undo_s
+        self._time_scale, self._undo_s, self._operator = 1.0, work.undo_s, work.operator
         self._snapshot = self._look(now, first_number)
 
     def start(self) -> None:
@@ -65,8 +67,15 @@ class Session:
         with self._changed:
             self._changed.notify_all()
 
-    def take_over(self, controls: Controls) -> None:
-        """Somebody takes the controls; what was heard before counts no more."""
+    def take_over(self, controls: Controls, operator: str | None = None) -> None:
+        """Somebody takes the controls; what was heard before counts no more.
+
+        Args:
+            controls: Turns what is heard into what is wanted.
+            operator: Name of who drives from now on; it stays the same person if None.
+        """
+        if operator is not None:
+            self._operator = operator
         self._inbox.take_over(controls)
 
     def hear(self, state: ControllerState) -> bool:
@@ -110,15 +119,16 @@ class Session:
 
     def _step(self, now: float) -> None:
         work, heard = self._work, self._inbox.get(now)
-        work.time_scale, work.undo_s = self._time_scale, self._undo_s
+        work.time_scale, work.undo_s, work.operator = self._time_scale, self._undo_s, self._operator
         work.obey(heard.intent.presses)
-        if work.ending is Ending.KEPT and now - self._ended_at >= LAST_LOOK_S:
+        if work.ending and now >= self._goes_on_at:
             work.go_on()
+            self._goes_on_at = time.monotonic() + RETRY_S
         self._before = work.env.data.qpos.copy()
         moved = work.step(heard.intent, present=heard.present, source=heard.source)
         self._after = work.env.data.qpos.copy() if moved else self._before
         if moved:
-            self._moved_by, self._stepped_at, self._ended_at = heard.sequence, now, now
+            self._moved_by, self._stepped_at, self._goes_on_at = heard.sequence, now, now + LAST_LOOK_S
         # A world that stands still starts without waiting for a whole step.
         self._steps.wait(STEP_S / self._time_scale if moved else FRAME_S, now)
 
@@ -155,7 +165,7 @@ class Session:
             sentence=work.sentence,
             task=choice.task,
             randomness=choice.randomness,
-            operator=choice.operator,
+            operator=self._operator,
             keys=choice.keys,
             target=choice.target,
             time_scale=self._time_scale,
@@ -170,6 +180,7 @@ class Session:
             slow=work.slow,
             demonstrations=work.logs.demonstrations,
             corrections=work.logs.corrections,
+            checking=work.logs.checking,
             kept=work.logs.kept,
             folder=str(work.logs.folder),
         )

@@ -27,7 +27,7 @@ class Phase(StrEnum):
 
 @dataclass(frozen=True)
 class Kept:
-    """What became of an episode that ended in this session.
+    """What became of an episode that was saved.
 
     Attributes:
         name: Name of its log.
@@ -62,7 +62,8 @@ class Status:
         slow: Whether slow mode is on.
         demonstrations: Good ones in the folder, those of earlier sessions too; corrections do not count.
         corrections: Good ones in the folder, likewise.
-        kept: What became of the last episodes of this session, newest first.
+        checking: Logs in the folder whose check has not come to an end; they do not count yet.
+        kept: What became of the last episodes in the folder, newest first.
         folder: Where the logs are.
     """
 
@@ -85,6 +86,7 @@ class Status:
     slow: bool
     demonstrations: int
     corrections: int
+    checking: int
     kept: tuple[Kept, ...]
     folder: str
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,29 +14,8 @@ from juicer.sim.env import STEP_S, AssemblyEnv
 from juicer.sim.panda import NUM_ARM_JOINTS
 from juicer.sim.recorder import EpisodeRecorder
 from juicer.sim.sections import StateSections
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """Who recorded an episode, with what, and when.
-
-    Attributes:
-        operator: Name of the operator, empty if nobody gave one.
-        device: What the operator held, with the keys' map and the time scale.
-        began: When the first step was made, in ISO 8601.
-        ended: When the last one was.
-        parent: Id of the rollout that it corrects, if it does.
-        parent_step: Step of that rollout from which it goes.
-        parent_actions: What was done before that step ``(parent_step, 10)``.
-    """
-
-    operator: str
-    device: str
-    began: str
-    ended: str
-    parent: str | None = None
-    parent_step: int | None = None
-    parent_actions: NDArray[np.float32] | None = None
+from juicer.teleoperation.drivers import Driver, devices_of, operators_of
+from juicer.teleoperation.origin import Origin
 
 
 class Take(EpisodeRecorder):
@@ -48,6 +26,8 @@ class Take(EpisodeRecorder):
         idle: Whether the operator commanded nothing, a step.
         assembled_before: Pairs that were assembled where it begins.
         began_closed: Whether the gripper had been told to close where it begins.
+        began: When its first step was made, in ISO 8601; empty before that.
+        drivers: Who made its steps, and how, in their order.
     """
 
     def __init__(self, env: AssemblyEnv, seed: int, state: NDArray[np.float64] | None = None) -> None:
@@ -64,7 +44,10 @@ class Take(EpisodeRecorder):
         self.idle: list[bool] = []
         self.assembled_before = int(StateSections.of(env, self.state[None]).assembled.sum())
         self.began_closed = bool(env.data.ctrl[NUM_ARM_JOINTS] < 0)
+        self.began = ""
+        self.drivers: list[Driver] = []
         self._infos: list[Mapping[str, Any]] = []
+        self._left = self.state
 
     def act(self, action: NDArray[Any], *, idle: bool) -> None:
         """Record the present observation and simulator state with the action, then execute it.
@@ -94,6 +77,18 @@ class Take(EpisodeRecorder):
         self.info = self._infos[-1] if self._infos else {}
         return steps
 
+    def leave(self) -> None:
+        """Another episode gets the environment; :meth:`come_back` goes on with this one."""
+        self._left = self.state
+
+    def come_back(self) -> None:
+        """Go on where it was left, bit for bit.
+
+        Raises:
+            InvalidEpisode: If the simulation had diverged then.
+        """
+        self._env.set_state(self._left)
+
     @property
     def state(self) -> NDArray[np.float64]:
         """The simulator's present state."""
@@ -114,28 +109,33 @@ class Take(EpisodeRecorder):
         """How the episode has ended; None as long as it goes on."""
         return self.info.get("outcome")
 
-    def log(self, by: Provenance) -> OperatorLog:
+    def log(self, ended: str, origin: Origin | None = None) -> OperatorLog:
         """What was recorded so far, as a log.
 
         Timestamps count simulated time: steps that were taken back, pauses and a slower time scale leave no gaps.
 
+        Args:
+            ended: When the last step was made, in ISO 8601.
+            origin: The step of a rollout from which it goes, if it goes from one.
+
         Raises:
             InvalidEpisode: If nothing was recorded, or the simulation has diverged.
         """
-        first = by.parent_step or 0
+        first = origin.step if origin else 0
         record = EpisodeRecord(
-            source=Source.TELEOP if by.parent is None else Source.CORRECTION,
+            source=Source.CORRECTION if origin else Source.TELEOP,
             task=self._env.task.name,
             randomness=str(self._env.randomness),
             seed=self.seed,
             outcome=self.info["outcome"] or Outcome.TIMEOUT,
             parts_assembled=self.info["parts_assembled"],
             milestones={name: step - first for name, step in self.info["milestones"].items() if step >= first},
-            parent=by.parent,
-            parent_step=by.parent_step,
-            device=by.device,
-            operator=by.operator or None,
-            recorded_at=f"{by.began}/{by.ended}",
+            parent=origin.parent if origin else None,
+            parent_step=origin.step if origin else None,
+            device=devices_of(self.drivers),
+            operator=operators_of(self.drivers) or None,
+            recorded_at=f"{self.began}/{ended}",
         )
         timestamp_s = np.arange(len(self), dtype=np.float64) * STEP_S
-        return OperatorLog.of(self.episode(record), timestamp_s, np.array(self.idle), by.parent_actions)
+        led = origin.actions if origin else None
+        return OperatorLog.of(self.episode(record), timestamp_s, np.array(self.idle), led)

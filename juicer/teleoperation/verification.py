@@ -1,32 +1,41 @@
 """Whether a log that was written can be learned from: it is ingested for trial, and replayed from its first state.
 
 This is done by a process of low priority, a new one for each log, so that nothing that happens to it reaches whoever
-drives the robot.
+drives the robot. What comes of it is noted beside the log, so that it holds for later sessions, too.
 """
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from multiprocessing.connection import Connection
 from pathlib import Path
-from queue import SimpleQueue
+from queue import LifoQueue
 
 import numpy as np
 
+from juicer.artifacts.contents import digest
 from juicer.demonstration.ingestion import Ingestion, IngestionConfig
 from juicer.demonstration.log import OperatorLog, read_log
 from juicer.episode import STATE_KEY, Outcome
 from juicer.errors import RejectedLog
+from juicer.reading import read_bounded
 from juicer.sim.env import AssemblyEnv
+from juicer.text import printable
 
 ATTEMPTS = 2
 """Processes that are given a log before it is left for ingestion to judge."""
 NICENESS = 15
+MOST_NOTE_BYTES = 4_096
+"""Largest note of what became of a log."""
+VERDICTS = "verified"
+"""Name, beside the logs, of the folder of what their checks have come to."""
 _SECONDS_TO_END = 5.0
 
 
@@ -63,7 +72,7 @@ CHECKING = Verification(Verdict.CHECKING, "It is being replayed")
 
 
 class Verifier:
-    """Checks logs one after the other in the background; never lets its caller wait.
+    """Checks logs one after the other in the background, the last one first; never lets its caller wait.
 
     Attributes:
         pid: The process at work now, if there is one.
@@ -78,17 +87,25 @@ class Verifier:
         self.pid: int | None = None
         self._check = check or verify
         self._known: dict[Path, Verification] = {}
-        self._asked: SimpleQueue[tuple[Path, str] | None] = SimpleQueue()
+        # Whoever has just saved one does not wait for all that an earlier session has left.
+        self._asked: LifoQueue[tuple[Path, str] | None] = LifoQueue()
         self._closed = threading.Event()
+        self._starting = threading.Lock()
         self._thread: threading.Thread | None = None
 
     def submit(self, path: Path, task: str) -> None:
-        """Have a log of a task checked."""
+        """Have a log of a task checked, if it is not waiting for that, and what it holds was not checked before."""
+        if self.known(path) == CHECKING:
+            return
+        if noted := _noted(path):
+            self._known[path] = noted
+            return
         self._known[path] = CHECKING
         self._asked.put((path, task))
-        if self._thread is None:
-            self._thread = threading.Thread(target=self._work, name="verifier", daemon=True)
-            self._thread.start()
+        with self._starting:
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._work, name="verifier", daemon=True)
+                self._thread.start()
 
     def known(self, path: Path) -> Verification | None:
         """What is known of a log by now; None if it was never submitted."""
@@ -103,7 +120,10 @@ class Verifier:
 
     def _work(self) -> None:
         while (asked := self._asked.get()) is not None and not self._closed.is_set():
-            self._known[asked[0]] = self._checked(*asked)
+            path, task = asked
+            verification = self._checked(path, task)
+            _note(path, verification)
+            self._known[path] = verification
 
     def _checked(self, path: Path, task: str) -> Verification:
         for _ in range(ATTEMPTS):
@@ -141,6 +161,34 @@ class Verifier:
             link.close()
             process.join(_SECONDS_TO_END)
             process.kill()
+
+
+def _note(path: Path, verification: Verification) -> None:
+    """Put what became of a log beside it, unless another try may come to something else."""
+    if verification.verdict not in (Verdict.VERIFIED, Verdict.REJECTED):
+        return
+    note = _note_of(path)
+    # Without a note the log is checked again by the next session.
+    with suppress(OSError):
+        note.parent.mkdir(exist_ok=True)
+        draft = note.with_name(f".{note.name}.draft")
+        draft.write_text(json.dumps({"log": digest(path), **asdict(verification)}), encoding="utf-8")
+        draft.replace(note)
+
+
+def _noted(path: Path) -> Verification | None:
+    """What was noted of exactly this log; None if that was nothing."""
+    try:
+        content = json.loads(read_bounded(_note_of(path), MOST_NOTE_BYTES))
+        if content["log"] == digest(path):
+            return Verification(Verdict(content["verdict"]), printable(content["sentence"], MOST_NOTE_BYTES))
+    except (OSError, ValueError, TypeError, KeyError):
+        pass
+    return None
+
+
+def _note_of(path: Path) -> Path:
+    return path.parent / VERDICTS / f"{path.name}.json"
 
 
 def verify(path: Path, task: str) -> Verification:

@@ -6,7 +6,6 @@ No thread and no clock: one call is one control step.
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
 from datetime import datetime
 from enum import Enum, auto
 
@@ -21,13 +20,15 @@ from juicer.errors import DraftNotWritten, JuicerError, NotCorrectable, Unusable
 from juicer.geometry import rot6d_to_matrix, rotvec_to_matrix
 from juicer.gripper import gripper_commands
 from juicer.sim.env import STEP_S, AssemblyEnv
+from juicer.teleoperation.choice import Choice
 from juicer.teleoperation.controls import Intent
 from juicer.teleoperation.drafts import Beginning, LeftDraft
+from juicer.teleoperation.drivers import Driver
 from juicer.teleoperation.key_maps import Action
 from juicer.teleoperation.logs import Logs
 from juicer.teleoperation.origin import Origin
 from juicer.teleoperation.status import Phase
-from juicer.teleoperation.take import Provenance, Take
+from juicer.teleoperation.take import Take
 
 UNDO_STEPS = 10
 IDLE_STEPS = 300
@@ -35,25 +36,7 @@ IDLE_STEPS = 300
 STANDING_STEPS = 2
 """Steps that the arm is given to come to rest when the operator is gone."""
 OPEN, CLOSE = -1.0, 1.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Choice:
-    """What an operator has chosen to record.
-
-    Attributes:
-        task: Assembly task.
-        randomness: Level of the initial states.
-        operator: Name of the operator, for the logs; may be empty.
-        target: Demonstrations wanted.
-        keys: Name of the key map, for the logs.
-    """
-
-    task: str
-    randomness: str = "low"
-    operator: str = ""
-    target: int = 50
-    keys: str = "original"
+_BRING_BACK = "Undo brings back what was discarded, until you move"
 
 
 class Ending(Enum):
@@ -81,6 +64,7 @@ class Work:
         choice: What is recorded.
         take: The episode in hand.
         ending: Why it goes on no more; None as long as it does.
+        operator: Name of who drives now, for the logs.
         undo_s: Seconds that the longer undo takes back.
         time_scale: Simulated seconds a second, for the logs.
     """
@@ -102,11 +86,13 @@ class Work:
         self.choice = choice
         self.logs = logs
         self._origin = origin
+        self.operator = choice.operator
         self.undo_s = 5.0
         self.time_scale = 1.0
         self.env = AssemblyEnv(choice.task, choice.randomness, max_steps=MOST_STEPS)
         if origin:
             self._require_reachable(origin)
+        self._dropped: Take | None = None
         self._begin(self._next_seed())
 
     def _require_reachable(self, origin: Origin) -> None:
@@ -128,16 +114,43 @@ class Work:
         return self._origin.seed if self._origin else self.logs.next_seed()
 
     def _begin(self, seed: int, note: str = "") -> None:
-        choice, origin = self.choice, self._origin
-        self.take = Take(self.env, seed, origin.state if origin else None)
-        self._beginning = Beginning(
-            task=choice.task, randomness=choice.randomness, seed=seed, began=_now(),
-            operator=choice.operator, keys=choice.keys,
+        self.take = Take(self.env, seed, self._origin.state if self._origin else None)
+        self._prepare(note)
+
+    def _begin_draft(self) -> None:
+        """The first step is about to be made."""
+        choice, origin, take = self.choice, self._origin, self.take
+        take.began, self._dropped = _now(), None
+        beginning = Beginning(
+            task=choice.task, randomness=choice.randomness, seed=take.seed, began=take.began,
+            operator=self.operator, keys=choice.keys,
             parent=origin.parent if origin else None, parent_step=origin.step if origin else None,
             parent_actions=origin.actions.tolist() if origin else None,
         )  # fmt: skip
-        self.logs.begin(self._beginning, self.take)
-        self._prepare(note)
+        self.logs.begin(beginning, take)
+
+    def _add_driver(self, driver: Driver) -> None:
+        if driver not in self.take.drivers:
+            self.take.drivers.append(driver)
+            self.logs.add_driver(driver)
+
+    def _drop(self) -> None:
+        """Nobody wants the episode in hand; :meth:`_bring_back` makes up for a slip."""
+        if not len(self.take):
+            self.logs.remove()
+            return
+        # What has diverged is in no state that could be restored.
+        self._dropped = self.take if self.take.outcome is not Outcome.DIVERGED else None
+        self.take.leave()
+        self.logs.drop()
+
+    def _bring_back(self, dropped: Take) -> None:
+        dropped.come_back()
+        self.take, self._dropped = dropped, None
+        self.logs.bring_back()
+        self._prepare(f"What was discarded is back, with its {len(dropped)} steps")
+        if dropped.done:
+            self._end()
 
     def resume(self, left: LeftDraft) -> None:
         """Go on with an episode that was interrupted, where it was; the one in hand must be a new one.
@@ -152,16 +165,17 @@ class Work:
         take = Take(self.env, beginning.seed, left.state)
         resumed = left.resume(self.env, lambda action, idle: take.act(action, idle=idle))
         self.logs.go_on_with(left.take_up(resumed))
-        self.take, self._beginning = take, beginning
+        self.take, take.began, take.drivers = take, beginning.began, list(left.drivers)
         lost = len(left.steps) - resumed
         self._prepare(
             f"Here you were interrupted, after {resumed} steps"
             + (f"; {lost} more could not be computed again by this version of the simulator" if lost else "")
         )
+        if take.done:
+            self._end()
 
     def _prepare(self, note: str) -> None:
         self.ending: Ending | None = None
-        self._sources: set[str] = set()
         self._hold: NDArray[np.float64] | None = None
         self._gripper = OPEN
         self._toggled = False
@@ -196,11 +210,13 @@ class Work:
             return
         if action is Action.DISCARD:
             seed = self._next_seed()
-            self.logs.drop()
-            self._begin(seed, f"Discarded; this is {'the same step anew' if self._origin else 'another initial state'}")
+            self._drop()
+            begun = "the same step anew" if self._origin else "another initial state"
+            self._begin(seed, f"Discarded; this is {begun}. {_BRING_BACK}")
         elif action is Action.RESET:
-            self.logs.drop()
-            self._begin(self.take.seed, f"The same {'step' if self._origin else 'initial state'} anew")
+            self._drop()
+            begun = "step" if self._origin else "initial state"
+            self._begin(self.take.seed, f"The same {begun} anew. {_BRING_BACK}")
         elif action in (Action.UNDO, Action.UNDO_MORE):
             self._undo(UNDO_STEPS if action is Action.UNDO else round(self.undo_s / STEP_S))
         elif action is Action.SUCCESS:
@@ -226,12 +242,16 @@ class Work:
             )
 
     def _undo(self, steps: int) -> None:
+        if not len(self.take) and self._dropped:
+            self._bring_back(self._dropped)
+            return
         undone = self.take.undo(steps)
         self._follow_gripper()
         self.ending, self._hold, self._toggled, self._grace = None, None, False, 0
         self.acts = False
         self._note = f"Took back {undone} steps" if undone else "There is nothing to take back"
-        self.logs.take_back(undone)
+        if undone:
+            self.logs.take_back(undone)
 
     def _follow_gripper(self) -> None:
         """Know again what the gripper was told last, and when."""
@@ -257,7 +277,6 @@ class Work:
         if acts:
             self._grace = IDLE_STEPS + 1
             self._note = ""
-            self._sources.add(source or "keyboard")
         elif not free:
             self._grace = min(self._grace, max(STANDING_STEPS, self._settling))
         self.acts = acts or self._settling > 0
@@ -267,6 +286,10 @@ class Work:
         self._grace -= 1
         self._since_toggle = 0 if self._toggled else self._since_toggle + 1
         self._toggled = False
+        if not self.take.began:
+            self._begin_draft()
+        if acts:
+            self._add_driver(Driver(self.operator, source or "keyboard", self.choice.keys, self.time_scale))
         self.take.act(self._action(intent if acts else Intent()), idle=not acts)
         try:
             self.logs.add(self.take)
@@ -301,38 +324,31 @@ class Work:
             self._note = f"{what}: take steps back or discard the episode"
 
     def _keep(self) -> None:
-        keys = f"keys {self.choice.keys}, time scale {self.time_scale:g}"
-        device = f"{' and '.join(sorted(self._sources)) or 'keyboard'}, {keys}"
         try:
-            name = self.logs.keep(self.take.log(self._provenance(device)))
+            name = self.logs.keep(self.take.log(_now(), self._origin))
         except (JuicerError, OSError) as error:
             self.ending = Ending.NOT_WRITTEN
-            self._note = f"Assembled, but {error}; make room, then press success again, or discard it"
+            self._note = f"Assembled, but {error}; as soon as you have made room it is saved, or discard it"
             return
         self.ending = Ending.KEPT
         self._note = f"Assembled, and written as {name}; it is being checked"
 
-    def _provenance(self, device: str) -> Provenance:
-        beginning = self._beginning
-        return Provenance(
-            operator=self.choice.operator,
-            device=device,
-            began=beginning.began,
-            ended=_now(),
-            parent=beginning.parent,
-            parent_step=beginning.parent_step,
-            parent_actions=self._origin.actions if self._origin else None,
-        )
-
     def close(self) -> None:
         """Stop; what was recorded of the episode in hand stays on the disk."""
+        if not len(self.take):
+            self.logs.remove()
         self.logs.close()
         self.env.close()
 
     def go_on(self) -> None:
-        """Begin the next episode, once the last one is kept."""
-        if self.ending is Ending.KEPT:
-            self._begin(self._next_seed())
+        """Begin the next episode, once the last one is kept; if the disk refused either, try again, and say so."""
+        if self.ending is Ending.NOT_WRITTEN:
+            self._keep()
+        elif self.ending is Ending.KEPT:
+            try:
+                self._begin(self._next_seed())
+            except JuicerError as error:
+                self._note = f"The episode is saved, but no other can begin: {error}"
 
     @property
     def origin(self) -> str:

@@ -12,10 +12,11 @@ from juicer.demonstration.log import OperatorLog
 from juicer.demonstration.recording import recordings
 from juicer.episode import Episode
 from juicer.expert.operator import scripted_operators
+from juicer.teleoperation.choice import Choice
 from juicer.teleoperation.controls import ControllerState, Controls
 from juicer.teleoperation.logs import Logs
 from juicer.teleoperation.verification import Verifier
-from juicer.teleoperation.work import Choice, Work
+from juicer.teleoperation.work import Work
 from tests.teleoperation.rollouts import stuck_rollout
 
 MakeWork = Callable[..., Work]

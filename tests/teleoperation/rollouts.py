@@ -9,8 +9,9 @@ from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.seeding import stream
 from juicer.sim.env import AssemblyEnv
 from juicer.sim.recorder import EpisodeRecorder
+from juicer.teleoperation.drivers import Driver
 from juicer.teleoperation.origin import Origin, origin_of
-from juicer.teleoperation.take import Provenance, Take
+from juicer.teleoperation.take import Take
 
 SEED = SEED_RANGES[Purpose.COLLECTION][3]
 STUCK_FOR = 20
@@ -45,4 +46,6 @@ def corrected_from(origin: Origin) -> OperatorLog:
     while not take.done:
         wish = operator.act(take.observation)
         take.act(wish.action, idle=wish.idle)
-    return take.log(Provenance("Anna", "keyboard", "began", "ended", origin.parent, origin.step, origin.actions))
+    take.began = "began"
+    take.drivers.append(Driver("Anna", "keyboard", "original", 1.0))
+    return take.log("ended", origin)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -18,13 +19,14 @@ from juicer.episode import ID_DIGITS, Episode, Outcome, Source
 from juicer.errors import EvaluationOnly, InvalidEpisode, NotCorrectable, RejectedLog, StateMissing, UnusableDraft
 from juicer.seed_ranges import SEED_RANGES, Purpose
 from juicer.sim.env import AssemblyEnv
+from juicer.teleoperation.choice import Choice
 from juicer.teleoperation.controls import Intent
-from juicer.teleoperation.drafts import left_in, read_draft
+from juicer.teleoperation.drafts import DRAFTS, left_in, read_draft
 from juicer.teleoperation.key_maps import Action
-from juicer.teleoperation.logs import DRAFTS, Logs
+from juicer.teleoperation.logs import Logs
 from juicer.teleoperation.origin import Origin, origin_of
 from juicer.teleoperation.verification import Verdict, Verifier, verify
-from juicer.teleoperation.work import Choice, Ending, Work
+from juicer.teleoperation.work import Ending, Work
 from tests.reader import Reader
 from tests.teleoperation.conftest import assemble
 from tests.teleoperation.rollouts import STUCK_FOR, corrected_from
@@ -256,6 +258,10 @@ def test_corrections_count_apart_from_demonstrations(tmp_path, verifier, log, on
         write_log(tmp_path / f"{number}.npz", log if number else one_leg_log)
     (tmp_path / "broken.npz").write_bytes(b"nothing")
     logs = Logs(tmp_path, "one_leg", verifier)
+    end = time.monotonic() + 120
+    while logs.checking:
+        assert time.monotonic() < end
+        time.sleep(0.05)
     assert (logs.demonstrations, logs.corrections) == (1, 2)
 
 

@@ -16,6 +16,7 @@ from juicer.errors import DraftNotWritten, UnusableDraft
 from juicer.sim.env import AssemblyEnv
 from juicer.sim.recorder import EpisodeRecorder
 from juicer.teleoperation.drafts import Beginning, Draft, left_in, read_draft
+from juicer.teleoperation.drivers import Driver
 
 BEGINNING = Beginning(task="one_leg", randomness="low", seed=3, began="2026-11-26T14:03:00+01:00", operator="Ada")
 
@@ -138,6 +139,22 @@ def test_steps_that_the_simulator_computes_otherwise_are_taken_back(killed: Path
     assert left.resume(env, lambda action, _: void(env.step(action))) == 10
     left.take_up(10).close()
     assert len(read_draft(path).steps) == 10
+
+
+def test_who_drives_is_known_again_and_of_a_draft_of_an_earlier_version_who_began(tmp_path: Path) -> None:
+    episode = Episode(tmp_path)
+    episode.go(2)
+    episode.draft.close()
+    (path,) = left_in(tmp_path)
+    assert read_draft(path).drivers == (Driver("Ada", "keyboard", "original", 1.0),)
+    draft = read_draft(path).take_up(2)
+    drivers = (Driver("Ben", "gamepad", "mine.toml", 0.25), Driver("Ben", "keyboard", "mine.toml", 1.0))
+    for driver in drivers:
+        draft.add_driver(driver)
+        draft.add(np.zeros(10), idle=False, before=episode.states[-1])
+    draft.close()
+    assert read_draft(path).drivers == drivers
+    assert len(read_draft(path).steps) == 4
 
 
 def void(_: object) -> None:

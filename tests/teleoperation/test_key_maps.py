@@ -96,6 +96,11 @@ def test_an_empty_list_leaves_an_action_without_a_key(tmp_path: Path) -> None:
         ("[keys]\ngripper = '\x1b[2J'", "is not valid TOML"),
         ('[keys]\ngripper = "\\u001b[2J"', r"'\\x1b\[2J' of 'gripper' is no KeyboardEvent.code; they are named like"),
         ("[keys]\ngripper = 'Tab'", "'Tab' cannot mean 'gripper', for it moves the focus"),
+        (
+            "[keys]\nslow = 'ControlLeft'",
+            "'ControlLeft' cannot mean 'slow', for browsers make their own shortcuts",
+        ),
+        ("[keys]\nslow = ['AltRight']", "'AltRight' cannot mean 'slow', for browsers make their own shortcuts"),
         ("[keys]\ngripper = 7", r"keys.gripper: must be a list, e.g. \[7\]"),
         ("[keys]\nx_plus = []\nx_plus = []", "is not valid TOML"),
         ("[gamepad]\ngripper = 'KeyG'", "'KeyG' of 'gripper' is no button of a gamepad"),

@@ -5,12 +5,17 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
+from juicer.sim.env import STEP_S
 from juicer.teleoperation.controls import ControllerState, Controls
 from juicer.teleoperation.session import Session
 from juicer.teleoperation.status import Phase, Snapshot
-from juicer.teleoperation.work import STANDING_STEPS
+from juicer.teleoperation.work import STANDING_STEPS, Ending
+
+CLOCK_S = 0.15
+"""How late a thread may be on a machine that computes other things."""
 
 
 @pytest.fixture
@@ -66,6 +71,21 @@ def test_released_controls_stop_the_arm_within_two_steps(session):
     assert session.latest.status.step <= before + STANDING_STEPS + 1
 
 
+@pytest.mark.parametrize("time_scale", [1.0, 0.25])
+def test_by_the_clock_the_arm_stands_three_steps_after_it_is_released(session, time_scale):
+    step_s = STEP_S / time_scale
+    session.pace(time_scale, 5.0)
+    wait_for(session, lambda now: now.status.step >= 3, ("KeyA",))
+    session.release()
+    released = time.monotonic()
+    paused = wait_for(session, lambda now: now.status.phase is Phase.PAUSED)
+    assert paused.at_s - released <= step_s + CLOCK_S
+    standing = wait_for(session, lambda now: now.at_s >= released + (1 + STANDING_STEPS) * step_s + CLOCK_S)
+    later = wait_for(session, lambda now: now.at_s >= standing.at_s + 2 * step_s)
+    assert later.status.step == standing.status.step
+    np.testing.assert_array_equal(later.qpos, standing.qpos)
+
+
 def test_a_slower_pace_records_the_same_steps_in_more_time(session, work):
     session.pace(0.25, 5.0)
     wait_for(session, lambda now: now.status.step >= 1, ("KeyA",))
@@ -82,6 +102,21 @@ def test_moments_between_two_steps_are_shown(session):
         wait_for(session, lambda now: now.number > shown[-1].number, ("KeyA",))
     different = {moment.qpos.tobytes() for moment in shown}
     assert len(different) > len({moment.status.step for moment in shown})
+
+
+def test_what_the_disk_refused_is_tried_again_without_a_press(session, work, monkeypatch):
+    monkeypatch.setattr("juicer.teleoperation.session.LAST_LOOK_S", 0.0)
+    wait_for(session, lambda now: now.status.step >= 1, ("KeyA",))
+    seeds = work.logs.folder / "seeds"
+    seeds.rename(work.logs.folder / "aside")
+    seeds.touch()
+    work.ending = Ending.KEPT
+    refused = wait_for(session, lambda now: "no other can begin" in now.status.sentence)
+    seeds.unlink()
+    (work.logs.folder / "aside").rename(seeds)
+    begun = wait_for(session, lambda now: now.status.seed != refused.status.seed)
+    assert begun.status.step == 0
+    assert 0.5 < begun.at_s - refused.at_s < 5
 
 
 def test_a_defect_is_said_and_what_was_recorded_stays(session, work, monkeypatch):

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import shutil
+
 import numpy as np
 import pytest
 
 from juicer.demonstration.ingestion import Ingestion, IngestionConfig, steps_to_keep
 from juicer.demonstration.log import read_log
+from juicer.episode import Outcome
 from juicer.errors import UnusableDraft
 from juicer.seed_ranges import Purpose, check_seeds
 from juicer.teleoperation.controls import Intent
-from juicer.teleoperation.drafts import left_in, read_draft
+from juicer.teleoperation.drafts import DRAFTS, left_in, read_draft
 from juicer.teleoperation.key_maps import Action
-from juicer.teleoperation.logs import DRAFTS
 from juicer.teleoperation.status import Phase
 from juicer.teleoperation.work import IDLE_STEPS, STANDING_STEPS, Ending
 from tests.teleoperation.conftest import assemble
@@ -114,7 +116,7 @@ def test_a_pause_stops_the_world_until_the_operator_continues(work):
     assert move(work, 1) == [True]
 
 
-def test_the_arm_stands_within_a_quarter_of_a_second_when_the_operator_is_gone(work):
+def test_the_arm_comes_to_rest_within_two_steps_when_the_operator_is_gone(work):
     move(work, 10)
     assert move(work, 10, STILL, present=False).count(True) == STANDING_STEPS
     assert STANDING_STEPS * 0.1 <= 0.25
@@ -130,14 +132,62 @@ def test_a_success_that_is_none_yet_is_not_saved(work):
     assert work.logs.kept == ()
 
 
-def test_discard_begins_another_initial_state_and_leaves_nothing_behind(work):
+def test_discard_begins_another_initial_state_and_leaves_nothing_behind_once_that_has_steps(work):
     seed = work.take.seed
     move(work, 10)
     work.obey([Action.DISCARD])
     assert work.take.seed != seed
     assert len(work.take) == 0
-    work.logs.close()
+    move(work, 3)
+    work.obey([Action.UNDO])
+    assert len(work.take) == 0
+    work.obey([Action.UNDO])
+    assert len(work.take) == 0, "what was discarded before that is gone"
+    work.obey([Action.DISCARD])
+    work.close()
     assert left_in(work.logs.folder / DRAFTS) == []
+
+
+@pytest.mark.parametrize("slip", [Action.DISCARD, Action.RESET])
+def test_undo_brings_back_what_was_discarded_by_a_slip_bit_for_bit(work, slip):
+    move(work, 10)
+    work.obey([Action.GRIPPER])
+    move(work, 20)
+    seed, state = work.take.seed, work.take.state
+    work.obey([slip])
+    work.obey([slip])
+    assert "Undo brings back" in work.sentence
+    move(work, 5, STILL)
+    work.obey([Action.UNDO])
+    assert (work.take.seed, len(work.take), work.gripper_closes) == (seed, 30, True)
+    assert work.take.state.tobytes() == state.tobytes()
+    assert "back, with its 30 steps" in work.sentence
+    work.obey([Action.UNDO])
+    assert len(work.take) == 20
+    move(work, 5)
+    work.logs.close()
+    (draft,) = left_in(work.logs.folder / DRAFTS)
+    assert len(read_draft(draft).steps) == 25
+
+
+def test_what_was_discarded_last_is_offered_after_the_end(work):
+    move(work, 10)
+    seed = work.take.seed
+    work.obey([Action.DISCARD])
+    work.close()
+    (draft,) = left_in(work.logs.folder / DRAFTS)
+    assert (read_draft(draft).beginning.seed, len(read_draft(draft).steps)) == (seed, 10)
+
+
+def test_a_failure_that_was_discarded_is_still_one_when_it_is_back(work, monkeypatch):
+    move(work, 10)
+    monkeypatch.setattr(work.take, "done", True)
+    monkeypatch.setitem(work.take.info, "outcome", Outcome.PART_LOST)
+    work.obey([Action.DISCARD])
+    assert move(work, 1, STILL) == [False]
+    work.obey([Action.UNDO])
+    assert work.ending is Ending.FAILED
+    assert len(work.take) == 10
 
 
 def test_reset_begins_the_same_initial_state_anew(work):
@@ -156,6 +206,35 @@ def test_no_two_episodes_of_people_begin_alike_whoever_records_them(make_work):
         seeds.append(work.take.seed)
     assert len(set(seeds)) == len(seeds)
     check_seeds(Purpose.DEMONSTRATIONS, seeds)
+
+
+def test_recordings_that_came_without_their_marks_keep_their_initial_states_for_themselves(make_work, tmp_path):
+    first = make_work()
+    move(first, 1)
+    first.close()
+    interrupted = first.take.seed
+    (tmp_path / f"{interrupted + 4:08d}.npz").write_bytes(b"restored from a backup")
+    (tmp_path / "demo_1.npz").touch()
+    shutil.rmtree(tmp_path / "seeds")
+    assert make_work().take.seed == interrupted + 5
+    (tmp_path / f"{interrupted + 4:08d}.npz").unlink()
+    shutil.rmtree(tmp_path / "seeds")
+    assert make_work().take.seed == interrupted + 1
+
+
+def test_a_demonstration_is_never_written_in_place_of_another(make_work, tmp_path):
+    work = make_work()
+    saved = tmp_path / f"{work.take.seed:08d}.npz"
+    saved.write_bytes(b"copied here meanwhile")
+    assemble(work, seed=1)
+    assert work.ending is Ending.NOT_WRITTEN
+    assert "is not replaced; move it elsewhere" in work.sentence
+    assert saved.read_bytes() == b"copied here meanwhile"
+    assert list((tmp_path / DRAFTS).glob("*.npz")) == []
+    saved.rename(tmp_path / "elsewhere.npz")
+    work.obey([Action.SUCCESS])
+    assert work.ending is Ending.KEPT
+    assert len(read_log(saved)) == len(work.take)
 
 
 def test_an_assembled_episode_is_written_whole_and_ingested_as_it_is(assembled):
@@ -187,8 +266,10 @@ def test_what_the_disk_refuses_stays_in_hand_until_it_is_written(make_work, tmp_
     assemble(work, seed=1)
     assert work.ending is Ending.NOT_WRITTEN
     assert "cannot be written" in work.sentence
+    work.go_on()
+    assert work.ending is Ending.NOT_WRITTEN
     obstacle.rmdir()
-    work.obey([Action.SUCCESS])
+    work.go_on()
     assert work.ending is Ending.KEPT
     assert len(read_log(obstacle)) == len(work.take)
 
@@ -207,6 +288,67 @@ def test_an_interrupted_episode_goes_on_where_it_was(make_work):
     assert len(second.take) == steps
     assert second.gripper_closes
     assert move(second, 1) == [True]
+
+
+def test_a_success_that_could_not_be_written_before_the_end_is_written_when_it_is_resumed(make_work, tmp_path):
+    first = make_work()
+    obstacle = tmp_path / f"{first.take.seed:08d}.npz"
+    obstacle.mkdir()
+    assemble(first, seed=1)
+    assert first.ending is Ending.NOT_WRITTEN
+    first.close()
+    obstacle.rmdir()
+    second = make_work()
+    (path,) = left_in(tmp_path / DRAFTS)
+    second.resume(read_draft(path))
+    assert second.ending is Ending.KEPT
+    assert len(read_log(obstacle)) == len(second.take)
+
+
+def test_an_initial_state_that_the_disk_refuses_is_said_and_given_once_there_is_room(assembled):
+    logs, assembled.ending = assembled.logs, Ending.KEPT
+    seeds = logs.folder / "seeds"
+    seeds.rename(logs.folder / "aside")
+    seeds.touch()
+    assembled.go_on()
+    assert assembled.ending is Ending.KEPT
+    assert "The episode is saved, but no other can begin: log " in assembled.sentence
+    seeds.unlink()
+    (logs.folder / "aside").rename(seeds)
+    assembled.go_on()
+    assert assembled.ending is None
+
+
+def test_a_log_says_all_who_drove_with_what_and_how_fast_also_after_an_interruption(make_work):
+    first = make_work()
+    first.time_scale = 0.25
+    move(first, 3, source="gamepad")
+    first.operator = "Ben"
+    first.time_scale = 1.0
+    move(first, 3)
+    first.close()
+    second = make_work(operator="Cleo", keys="isaaclab")
+    (path,) = left_in(second.logs.folder / DRAFTS)
+    second.resume(read_draft(path))
+    move(second, 3, STILL)
+    log = second.take.log("ended")
+    assert (log.operator, log.device) == ("Anna and Ben", "gamepad and keyboard, keys original, time scale 0.25 and 1")
+    move(second, 3)
+    log = second.take.log("ended")
+    assert log.operator == "Anna and Ben and Cleo"
+    assert log.device == "gamepad and keyboard, keys original and isaaclab, time scale 0.25 and 1"
+
+
+def test_an_episode_begins_with_its_first_step(work, monkeypatch):
+    times = iter(("prepared", "first step", "second step"))
+    monkeypatch.setattr("juicer.teleoperation.work._now", lambda: next(times))
+    assert next(times) == "prepared"
+    move(work, 5, STILL)
+    move(work, 2)
+    assert work.take.log("ended").recorded_at == "first step/ended"
+    work.logs.close()
+    (path,) = left_in(work.logs.folder / DRAFTS)
+    assert read_draft(path).beginning.began == "first step"
 
 
 def test_an_interrupted_episode_of_another_task_is_refused(make_work):

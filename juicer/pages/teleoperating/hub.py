@@ -17,17 +17,18 @@ from juicer.pages.teleoperating.wire import Begin, Correct, Order, Pace, Resume
 from juicer.sim.env import STEP_S
 from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import Randomness
+from juicer.teleoperation.choice import Choice
 from juicer.teleoperation.controls import ControllerState, Controls
-from juicer.teleoperation.drafts import LeftDraft, left_in, read_draft
+from juicer.teleoperation.drafts import DRAFTS, LeftDraft, left_in, read_draft, remove_draft
 from juicer.teleoperation.key_maps import DEFAULT, DESCRIPTIONS, PRESETS, KeyMap, Motion, find_key_map, read_key_map
-from juicer.teleoperation.logs import DRAFTS, Logs
+from juicer.teleoperation.logs import Logs
 from juicer.teleoperation.messages import MessageReader
 from juicer.teleoperation.origin import Origin, origin_of
 from juicer.teleoperation.painter import PANES, Frame, Painter
 from juicer.teleoperation.session import Session
 from juicer.teleoperation.spacemouse import SpaceMouse, open_spacemouse
 from juicer.teleoperation.verification import Verifier
-from juicer.teleoperation.work import Choice, Work
+from juicer.teleoperation.work import Work
 from juicer.text import printable
 
 MOST_DRAFTS = 10
@@ -45,6 +46,7 @@ class Client:
         wants_numbers: Whether it asked for the observation as numbers, too.
         reader: Judges its messages.
         state: What it said last of its keys; None before it said anything.
+        was_told: Whether it was told that what it says of its keys does not count.
     """
 
     def __init__(self) -> None:
@@ -57,6 +59,7 @@ class Client:
         self.wants_numbers = False
         self.reader = MessageReader()
         self.state: ControllerState | None = None
+        self.was_told = False
 
     def wake(self) -> None:
         """Look for something to be sent; any thread may call it."""
@@ -122,22 +125,31 @@ class Hub:
         """Whether a page has the controls."""
         return self._driver is client
 
-    def give_controls(self, client: Client) -> None:
-        """A page takes the controls from whoever has them."""
+    def give_controls(self, client: Client, operator: str | None = None) -> None:
+        """A page takes the controls from whoever has them; the operator is the same as before if None."""
         self._driver = client
         if self._session:
             # What was pressed in vain, while somebody else had the controls, is not to be done now.
             pressed = dict(client.state.edges) if client.state else {}
             with suppress(DeviceUnavailable):
                 pressed |= self._mouse.read().edges if self._mouse else {}
-            self._session.take_over(Controls(self._key_map, pressed))
+            self._session.take_over(Controls(self._key_map, pressed), operator)
         self._wake_all()
 
     def hear(self, client: Client, state: ControllerState) -> None:
-        """Take what a page's operator does; it counts if the page has the controls."""
+        """Take what a page's operator does; it counts if the page has the controls.
+
+        Raises:
+            RefusedMessage: Once a connection, if another page has them.
+        """
         client.state = state
-        if not self._session or not self.drives(client):
+        if not self._session:
             return
+        if not self.drives(client):
+            if client.was_told:
+                return
+            client.was_told = True
+            raise RefusedMessage("another page has the controls, so that what you send does not count; take them over")
         try:
             self._session.hear(state.with_spacemouse(self._mouse.read()) if self._mouse else state)
         except DeviceUnavailable as error:
@@ -193,7 +205,8 @@ class Hub:
 
         Raises:
             RefusedMessage: If another page has the controls, or there is no such episode.
-            UnusableDraft: If it cannot be gone on with.
+            UnusableDraft: If it cannot be gone on with, or not be removed.
+            ConfigError: If there is no such key map.
             DeviceUnavailable: As for :meth:`begin`.
         """
         self._check_drives(client)
@@ -201,23 +214,23 @@ class Hub:
         if not found:
             raise RefusedMessage("that episode is no longer there: somebody has gone on with it, or removed it")
         if order.kind == "forget":
-            read_draft(found[0]).remove()
+            remove_draft(found[0])
             self._wake_all()
         else:
-            await self._start(client, order, lambda: self._resumed(read_draft(found[0]), order.target))
+            await self._start(client, order, lambda: self._resumed(read_draft(found[0]), order))
 
     def _check_drives(self, client: Client) -> None:
         if self._session and not self.drives(client):
             raise RefusedMessage("another page has the controls; take them over before you begin something else")
 
-    def _resumed(self, left: LeftDraft, target: int) -> tuple[Work, KeyMap]:
+    def _resumed(self, left: LeftDraft, order: Resume) -> tuple[Work, KeyMap]:
         beginning = left.beginning
         choice = Choice(
             task=beginning.task,
             randomness=beginning.randomness,
-            operator=beginning.operator,
-            target=target,
-            keys=beginning.keys,
+            operator=printable(order.operator.strip()) or beginning.operator,
+            target=order.target,
+            keys=order.keys or beginning.keys,
         )
         work, key_map = self._work(choice, left.origin)
         work.resume(left)
@@ -292,7 +305,7 @@ class Hub:
             "drives": self.drives(client),
             "is_driven": self._driver is not None,
             "going_on": self._session is not None,
-            "drafts": [] if self._session else self._drafts(),
+            "drafts": [] if self._session else [_told(path) for path in self._left()],
             "key_list": _shown_keys(self._key_map),
             "spacemouse": self._mouse is not None,
         }
@@ -312,18 +325,7 @@ class Hub:
 
     def _left(self) -> list[Path]:
         """Files of interrupted episodes, the latest first."""
-        return [path for folder in sorted(self.folder.glob(f"*/{DRAFTS}")) for path in left_in(folder)][:MOST_DRAFTS]
-
-    def _drafts(self) -> list[dict[str, Any]]:
-        """What is told of interrupted episodes."""
-        told = []
-        for path in self._left():
-            with suppress(UnusableDraft):
-                left = read_draft(path)
-                about = {name: printable(getattr(left.beginning, name)) for name in ("task", "operator", "began")}
-                seconds, parent_step = len(left.steps) * STEP_S, left.beginning.parent_step
-                told.append({"draft": path.name, "seconds": seconds, "parent_step": parent_step, **about})
-        return told
+        return left_in(*self.folder.glob(f"*/{DRAFTS}"))[:MOST_DRAFTS]
 
     def _find_key_map(self, name: str) -> KeyMap:
         own = self._own_key_maps()
@@ -359,6 +361,24 @@ class Hub:
 def _choice(order: Begin | Correct, task: str, randomness: str) -> Choice:
     operator = printable(order.operator.strip())
     return Choice(task=task, randomness=randomness, operator=operator, target=order.target, keys=order.keys)
+
+
+def _told(path: Path) -> dict[str, Any]:
+    """What is told of an interrupted episode; why it cannot be gone on with, if it cannot."""
+    name = {"task": path.parents[1].name, "draft": path.name}
+    try:
+        left = read_draft(path)
+    except UnusableDraft as error:
+        return {**name, "problem": str(error)}
+    begun = left.beginning
+    return {
+        **name,
+        "problem": "",
+        "operator": printable(begun.operator),
+        "began": printable(begun.began),
+        "seconds": len(left.steps) * STEP_S,
+        "parent_step": begun.parent_step,
+    }
 
 
 def _shown_keys(key_map: KeyMap) -> list[dict[str, Any]]:

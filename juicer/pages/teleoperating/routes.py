@@ -21,10 +21,11 @@ from juicer.pages.browsing.episodes import recorded_episode
 from juicer.pages.paging import Number, Word
 from juicer.pages.rendering import page
 from juicer.pages.teleoperating.hub import Client, Hub
-from juicer.pages.teleoperating.wire import Acknowledge, Begin, Correct, Pace, Resume, packed, parse_command
+from juicer.pages.teleoperating.wire import Acknowledge, Begin, Correct, Pace, Resume, TakeOver, packed, parse_command
 from juicer.pages.workplace import TheWorkplace, Workplace
 from juicer.teleoperation.messages import MOST_BYTES
 from juicer.teleoperation.origin import Origin, origin_of
+from juicer.text import printable
 
 FOLDER = "teleoperation"
 """Name, in the data folder, of where recordings lie."""
@@ -154,8 +155,8 @@ async def _obey(hub: Hub, client: Client, text: str) -> None:
         await hub.resume(client, command)
     elif isinstance(command, Pace):
         hub.pace(client, command)
-    elif command.kind == "take over":
-        hub.give_controls(client)
+    elif isinstance(command, TakeOver):
+        hub.give_controls(client, printable(command.operator.strip()))
     elif command.kind == "numbers":
         client.wants_numbers = True
         client.news.set()

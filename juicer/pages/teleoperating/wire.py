@@ -77,11 +77,16 @@ class Correct(Order):
 
 
 class Resume(Order):
-    """Go on with an episode that was interrupted, or remove what was recorded of it."""
+    """Go on with an episode that was interrupted, or remove what was recorded of it.
+
+    Keys and operator are those that it was begun with, unless others are named.
+    """
 
     kind: Literal["resume", "forget"]
     task: Name
     draft: Name
+    operator: Name = ""
+    keys: Name = ""
 
 
 class Pace(StrictConfig):
@@ -90,6 +95,13 @@ class Pace(StrictConfig):
     kind: Literal["pace"]
     time_scale: float = Field(ge=0.25, le=1)
     undo_s: float = Field(ge=0.1, le=60)
+
+
+class TakeOver(StrictConfig):
+    """Take the controls from whoever has them: who drives from then on."""
+
+    kind: Literal["take over"]
+    operator: Name = ""
 
 
 class Acknowledge(StrictConfig):
@@ -102,10 +114,10 @@ class Acknowledge(StrictConfig):
 class Simple(StrictConfig):
     """What needs no more words."""
 
-    kind: Literal["take over", "release", "end", "numbers"]
+    kind: Literal["release", "end", "numbers"]
 
 
-Command = Begin | Correct | Resume | Pace | Acknowledge | Simple
+Command = Begin | Correct | Resume | Pace | TakeOver | Acknowledge | Simple
 _COMMAND: TypeAdapter[Command] = TypeAdapter(Annotated[Command, Field(discriminator="kind")])
 
 

@@ -114,6 +114,36 @@ def test_a_rollout_is_finished_by_hand_from_its_page_though_the_server_is_killed
     assert correction.episode.state(0).tobytes() == stuck.state(step).tobytes()
 
 
+def test_an_episode_in_hand_is_never_taken_for_the_rollout_that_is_to_be_finished(tmp_path, browser):
+    stuck = stuck_rollout()
+    step, store = len(stuck) - 5, ArtifactStore(tmp_path)
+    ref = commit(store, Recipe("collect", "episodes"), {}, lambda folder: write_episodes(folder, [stuck], {}))
+    with serving(tmp_path) as server:
+        begin(browser, server.teleop)
+        browser.key_down("KeyA")
+        browser.until("teleop.status.step >= 5")
+        browser.key_up("KeyA")
+        browser.open(f"{server.address}/teleop?artifact={ref}&episode=0&frame={step}")
+        browser.until("!document.querySelector('#occupied').hidden && teleop.status.drives && teleop.status.step >= 5")
+        assert not browser.evaluate("document.querySelector('#setup').hidden")
+        sentence = browser.evaluate("document.querySelector('#occupied').innerText")
+        assert sentence.startswith("Another episode is in hand: one_leg, state 500000:")
+        assert f"ends it and goes on from step {step} of rollout {stuck.record.episode_id}" in sentence
+        steps = shown(browser, "step")
+        browser.evaluate("document.activeElement.blur()")
+        browser.key_down("KeyA")
+        time.sleep(0.5)
+        browser.key_up("KeyA")
+        assert shown(browser, "step") == steps, "nobody drives what the page does not show"
+        browser.evaluate("document.querySelector('#begin button').click()")
+        browser.until(f"teleop.status.origin === 'step {step} of rollout {stuck.record.episode_id}'")
+        browser.until("!document.querySelector('#drive').hidden && document.querySelector('#setup').hidden")
+        browser.open(f"{server.address}/teleop?artifact={ref}&episode=0&frame={step}")
+        browser.until("!document.querySelector('#drive').hidden")
+    (draft,) = (tmp_path / "teleoperation" / "one_leg" / "drafts").glob("00500000-*")
+    assert len(draft.read_text().splitlines()) > 5
+
+
 def test_a_key_that_is_held_when_the_page_loses_focus_is_let_go(tmp_path, browser):
     with serving(tmp_path) as server:
         begin(browser, server.teleop)
@@ -126,6 +156,61 @@ def test_a_key_that_is_held_when_the_page_loses_focus_is_let_go(tmp_path, browse
         time.sleep(1)
         assert shown(browser, "step") == steps
         assert browser.evaluate("document.querySelector('#phase').textContent") == "Paused"
+
+
+def sentence_of(browser: Chromium) -> str:
+    return browser.evaluate("document.querySelector('#sentence').textContent")
+
+
+def test_whoever_watches_reads_whether_somebody_drives_and_has_no_controls_that_do_nothing(tmp_path, browser):
+    with serving(tmp_path) as server:
+        begin(browser, server.teleop)
+        browser.evaluate(
+            "window.other = new WebSocket(`ws://${location.host}/teleop/live`);"
+            "other.onopen = () => other.send(JSON.stringify({kind: 'take over', operator: 'Ben'}))"
+        )
+        browser.until("document.querySelector('#steering').disabled")
+        assert sentence_of(browser).startswith("Somebody else drives")
+        assert not browser.evaluate("document.querySelector('#sound').matches(':disabled')")
+        browser.evaluate("other.close()")
+        browser.until("document.querySelector('#sentence').textContent.startsWith('Nobody drives')")
+        browser.evaluate("document.querySelector('#take-over button').click()")
+        browser.until("!document.querySelector('#steering').disabled")
+        browser.until("teleop.status.operator === 'scripted hands'")
+        browser.key_down("KeyA")
+        browser.until("teleop.status.step >= 3")
+        browser.key_up("KeyA")
+
+
+def test_the_lists_show_the_pace_and_the_longer_undo_that_hold(tmp_path, browser):
+    with serving(tmp_path) as server:
+        begin(browser, server.teleop)
+        browser.evaluate(
+            "document.querySelector('#undo-s').value = '30'; document.querySelector('#time-scale').value = '0.5';"
+            "document.querySelector('#undo-s').dispatchEvent(new Event('change'))"
+        )
+        browser.until("teleop.status.undo_s === 30")
+        browser.open(server.teleop)
+        browser.until("document.querySelector('#time-scale').value === '0.5'")
+        assert browser.evaluate("document.querySelector('#undo-s').value") == "30"
+
+
+def test_space_presses_what_the_keyboard_has_chosen_and_drives_after_a_click(tmp_path, browser):
+    with serving(tmp_path) as server:
+        begin(browser, server.teleop)
+        browser.evaluate("document.querySelector('#sound').focus()")
+        browser.press("Space")
+        assert browser.evaluate("document.querySelector('#sound').checked")
+        x, y = browser.evaluate(
+            "(() => { const button = document.querySelector('#actions button'); button.scrollIntoView();"
+            " const {x, y} = button.getBoundingClientRect(); return [x + 5, y + 5]; })()"
+        )
+        for kind in ("mousePressed", "mouseReleased"):
+            browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+        browser.until("document.activeElement === document.body")
+        assert not shown(browser, "gripper_closes")
+        browser.press("Space")
+        browser.until("teleop.status.gripper_closes")
 
 
 def test_a_line_that_is_late_and_unsteady_is_no_reason_to_pause(tmp_path, browser):
@@ -171,6 +256,27 @@ def test_a_gamepad_drives_too(tmp_path, browser):
         assert shown(browser, "phase") == "recording"
         browser.evaluate("window.dispatchEvent(new Event('gamepaddisconnected')); navigator.getGamepads = () => []")
         browser.until("teleop.status.phase === 'paused'")
+
+
+def test_the_press_that_wakes_a_gamepad_is_not_obeyed_and_the_next_one_is(tmp_path, browser):
+    """A page sees a gamepad only once a button is pressed; B discards."""
+    with serving(tmp_path) as server:
+        begin(browser, server.teleop)
+        browser.key_down("KeyA")
+        browser.until("teleop.status.step >= 5")
+        browser.key_up("KeyA")
+        browser.evaluate(
+            "window.pad = {connected: true, mapping: 'standard', axes: [0, 0, 0, 0],"
+            " buttons: Array.from({length: 17}, (_, index) => ({pressed: index === 1, value: 0}))};"
+            "navigator.getGamepads = () => [window.pad]"
+        )
+        time.sleep(0.5)
+        assert shown(browser, "seed") == 500000
+        assert shown(browser, "step") >= 5
+        browser.evaluate("pad.buttons[1].pressed = false")
+        time.sleep(0.2)
+        browser.evaluate("pad.buttons[1].pressed = true")
+        browser.until("teleop.status.seed === 500001")
 
 
 OVERTAKEN = """

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import time
+from collections.abc import Callable
+from pathlib import Path
 
+import numpy as np
 import pytest
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from flows.servers.guard import Guard
 from juicer.pages.access import Access
+from juicer.pages.teleoperating.hub import MOST_DRAFTS
 from juicer.pages.teleoperating.under_way import MOST
+from juicer.sim.env import AssemblyEnv
+from juicer.teleoperation.drafts import Beginning, Draft
 from juicer.teleoperation.messages import MOST_BYTES
 from juicer.teleoperation.painter import PANES
+from juicer.teleoperation.seeds import SEEDS
 from juicer.teleoperation.work import STANDING_STEPS
 from tests.pages.teleoperating.talking import HEADER
 
@@ -139,18 +147,43 @@ def test_a_second_page_watches_and_cannot_steer_until_it_takes_over(page, connec
     assert not other.status["drives"]
     other.until(lambda: len(other.frames) > 5, "KeyA")
     assert other.steps() == 0
+    assert len(other.refusals) == 1, "it is told once that what it sends does not count"
+    assert "another page has the controls, so that what you send does not count" in other.refusals[0]
     other.say({"kind": "begin", "task": "lamp"})
-    other.until(lambda: len(other.refusals) == 1, silent=True)
-    assert "another page has the controls" in other.refusals[0]
-    other.say({"kind": "take over"})
+    other.until(lambda: len(other.refusals) == 2, silent=True)
+    assert "another page has the controls; take them over before you begin" in other.refusals[1]
+    other.say({"kind": "take over", "operator": "Ben"})
     other.until(lambda: other.status["drives"], silent=True)
     other.until(lambda: other.steps() >= 3, "KeyA")
+    assert other.status["operator"] == "Ben"
     page.until(lambda: not page.status["drives"], silent=True)
     other.say({"kind": "release"})
     other.until(lambda: other.status["phase"] == "paused", silent=True)
     seen = len(page.frames)
     page.until(lambda: len(page.frames) > seen + 10, "KeyD")
     assert page.status["phase"] == "paused"
+
+
+def test_a_device_takes_over_what_the_page_has_begun_and_the_arm_follows_it(page, connect):
+    page.begin()
+    device = connect()
+    device.say({"kind": "numbers"})
+    device.say({"kind": "take over", "operator": "Ben"})
+    device.until(lambda: device.status.get("drives", False) and "numbers" in device.status, silent=True)
+    before = device.status["numbers"]["proprioception"][:3]
+
+    def follow() -> None:
+        device.sequence += 1
+        state = {"source": "pose", "sequence": device.sequence, "clutch": True, "edges": {"clutch": 1}}
+        device.say({**state, "pose_delta": [0, min(0.002 * device.sequence, 0.1), 0, 0, 0, 0]})
+        device.hear()
+
+    end = time.monotonic() + 60
+    while device.status["numbers"]["proprioception"][1] < before[1] + 0.03:
+        assert time.monotonic() < end, "the arm does not follow"
+        follow()
+    assert device.status["operator"] == "Ben"
+    assert device.refusals == []
 
 
 def test_presses_made_in_vain_do_not_count_after_taking_over(page, connect):
@@ -224,6 +257,72 @@ def test_an_interrupted_episode_that_nobody_wants_is_removed(page):
     page.until(lambda: not page.status["going_on"] and page.status["drafts"] != [], silent=True)
     page.say({"kind": "forget", "task": "one_leg", "draft": page.status["drafts"][0]["draft"]})
     page.until(lambda: page.status["drafts"] == [], silent=True)
+
+
+@pytest.fixture
+def left(tmp_path) -> Callable[..., Path]:
+    """Makes an interrupted episode, or something in its place, of so many seconds ago."""
+
+    def make(task: str, name: str, age_s: float, content: bytes | None = None, **facts: object) -> Path:
+        folder = tmp_path / "teleoperation" / task / "drafts"
+        env = AssemblyEnv(task)
+        env.reset(seed=SEEDS[0])
+        begun = {"task": task, "randomness": "low", "seed": SEEDS[0], "began": "2026-11-26T14:03:00+01:00", **facts}
+        draft = Draft(folder, Beginning(**begun), env.get_state())
+        draft.add(np.append(env.observation()["proprioception"][:9], -1.0), idle=False, before=env.get_state())
+        draft.close()
+        path = folder / f"{name}.draft"
+        (folder / f"{draft.name}.draft").rename(path)
+        if content is not None:
+            path.write_bytes(content)
+        os.utime(path, (time.time() - age_s,) * 2)
+        return path
+
+    return make
+
+
+def test_the_latest_interrupted_episode_is_offered_whatever_older_ones_there_are_of_other_tasks(connect, left):
+    for number in range(MOST_DRAFTS):
+        left("lamp", f"{number}", 1000 + number)
+    left("one_leg", "latest", 10)
+    page = connect()
+    page.until(lambda: "drafts" in page.status, silent=True)
+    offered = [(draft["task"], draft["draft"]) for draft in page.status["drafts"]]
+    assert offered == [("one_leg", "latest.draft"), *(("lamp", f"{number}.draft") for number in range(MOST_DRAFTS - 1))]
+
+
+def test_an_interrupted_episode_that_cannot_be_gone_on_with_says_why_and_can_be_removed(connect, left):
+    path = left("one_leg", "damaged", 10, b"nonsense\n")
+    left("one_leg", "another", 20)
+    page = connect()
+    page.until(lambda: "drafts" in page.status, silent=True)
+    damaged, another = page.status["drafts"]
+    assert "is damaged from its first line on; remove it" in damaged["problem"]
+    assert another["problem"] == ""
+    page.say({"kind": "forget", "task": "one_leg", "draft": damaged["draft"]})
+    page.until(lambda: len(page.status["drafts"]) == 1, silent=True)
+    assert not path.exists()
+
+
+def test_an_interrupted_episode_whose_key_map_is_gone_goes_on_with_the_keys_of_the_form(page, left):
+    left("one_leg", "mine", 10, keys="mine.toml", operator="Anna")
+    order = {"kind": "resume", "task": "one_leg", "draft": "mine.draft"}
+    page.say(order)
+    page.until(lambda: len(page.refusals) == 1, silent=True)
+    assert "no key map 'mine.toml'" in page.refusals[0]
+    page.say({**order, "keys": "isaaclab", "operator": "Ben"})
+    page.until(lambda: page.status.get("step") == 1, silent=True)
+    assert (page.status["keys"], page.status["operator"]) == ("isaaclab", "Ben")
+
+
+def test_nothing_is_offered_of_an_episode_that_was_taken_back_to_its_beginning(page):
+    page.begin()
+    page.until(lambda: page.steps() >= 3, "KeyA")
+    page.press("KeyB")
+    page.until(lambda: page.steps() == 0)
+    page.say({"kind": "end"})
+    page.until(lambda: not page.status["going_on"], silent=True)
+    assert page.status["drafts"] == []
 
 
 def test_numbers_are_told_to_whoever_asks(page):

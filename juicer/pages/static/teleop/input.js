@@ -12,6 +12,9 @@ const PAGE_KEYS = new Set(["Tab", "Escape"]);
 const takesText = (target) =>
   target instanceof HTMLInputElement && target.type !== "checkbox" ? true : target instanceof HTMLSelectElement;
 
+/** Whether a key presses what has the focus. */
+const presses = (code, target) => (code === "Space" || code === "Enter") && target.matches?.("button, a, input, summary");
+
 export class Input extends EventTarget {
   #keys = new Set();
   #edges = {};
@@ -20,11 +23,14 @@ export class Input extends EventTarget {
   #source = "keyboard";
   #bound = new Set();
   #send;
+  #drives;
   isActive = false;
 
-  constructor(send) {
+  /** Where messages go, and a function that says whether what the hands do counts: else nothing is sent. */
+  constructor(send, drives) {
     super();
     this.#send = send;
+    this.#drives = drives;
     addEventListener("keydown", (event) => this.#down(event));
     addEventListener("keyup", (event) => this.#up(event));
     addEventListener("blur", () => this.release());
@@ -37,6 +43,10 @@ export class Input extends EventTarget {
   /** Keys that mean something; others are the browser's. */
   bind(codes) {
     this.#bound = new Set(codes);
+  }
+
+  get drives() {
+    return this.#drives();
   }
 
   get held() {
@@ -71,7 +81,7 @@ export class Input extends EventTarget {
       this.dispatchEvent(new Event("help"));
       return;
     }
-    if (PAGE_KEYS.has(code) || !this.#bound.has(code)) return;
+    if (!this.#drives() || PAGE_KEYS.has(code) || !this.#bound.has(code) || presses(code, event.target)) return;
     event.preventDefault();
     if (event.repeat || this.#keys.has(code)) return;
     this.#source = "keyboard";
@@ -88,6 +98,7 @@ export class Input extends EventTarget {
   }
 
   #tell(pressed = null) {
+    if (!this.#drives()) return;
     this.isActive = true;
     const pad = this.#pad();
     const held = [...this.#keys, ...pad.held];
@@ -108,14 +119,19 @@ export class Input extends EventTarget {
   /** The first gamepad in the standard mapping: what is held, counted presses, and its axes. */
   #pad() {
     const pad = [...navigator.getGamepads?.() ?? []].find((each) => each?.connected && each.mapping === "standard");
-    if (!pad) return { held: [], axes: null, moved: false };
+    if (!pad || !this.#drives()) {
+      this.#pads.clear();
+      return { held: [], axes: null, moved: false };
+    }
+    // A page sees a gamepad only once something is pressed: that press woke it, and is not meant for the robot.
+    const isNew = !this.#pads.size;
     const held = [];
     let moved = pad.axes.some((value) => Math.abs(value) > 0.15);
     pad.buttons.forEach(({ pressed }, index) => {
       const name = BUTTONS[index];
       if (!name || index === LT || index === RT) return;
       if (pressed) held.push(name);
-      if (pressed && !this.#pads.get(name)) this.#edges[name] = (this.#edges[name] ?? 0) + 1;
+      if (pressed && !isNew && !this.#pads.get(name)) this.#edges[name] = (this.#edges[name] ?? 0) + 1;
       this.#pads.set(name, pressed);
       moved ||= pressed;
     });

@@ -12,9 +12,11 @@ const phases = {
 };
 let screen = null;
 let motions = new Set();
+// Whether this page has begun something: a page of a rollout must not show another episode as if it were that rollout.
+let hasBegun = false;
 
 const connection = new Connection();
-const input = new Input((message) => connection.send(message));
+const input = new Input((message) => connection.send(message), () => Boolean(isShown() && status.drives));
 
 connection.addEventListener("open", () => {
   input.restart();
@@ -68,6 +70,7 @@ function greet(content) {
       field.value = remembered;
     }
   }
+  element("take-over").operator.value = form.operator.value;
   screen = new Screen(element("panes"), content.panes);
 }
 
@@ -79,35 +82,52 @@ function options(select, values) {
   select.replaceChildren(...values.map((value) => new Option(value, value)));
 }
 
+/** Whether what goes on is what this page is for. */
+function isShown() {
+  const { origin } = element("begin").dataset;
+  return status.going_on && (!origin || hasBegun || status.origin === origin);
+}
+
 function show(news) {
   const before = { ...status };
   Object.assign(status, news);
   // A device that is gone is a hand that let go of everything.
   if (before.spacemouse && !status.spacemouse && status.going_on) input.release();
-  element("setup").hidden = status.going_on;
-  element("drive").hidden = !status.going_on;
+  const shown = isShown();
+  element("setup").hidden = shown;
+  element("drive").hidden = !shown;
+  if (element("occupied")) {
+    element("occupied").hidden = shown || !status.going_on;
+    if (status.task) say("occupied-by", episode());
+  }
   if (news.key_list) showKeys(status.key_list);
   if (news.drafts) showDrafts(status.drafts);
-  if (!status.going_on) return;
+  if (!shown) return;
   const phase = status.drives ? status.phase : "watching";
   element("state").dataset.phase = phase;
   say("phase", phases[phase]);
-  say("sentence", status.drives ? status.sentence : `Somebody else drives (${phases[status.phase].toLowerCase()}); you watch`);
+  say("sentence", status.drives ? status.sentence : watching());
   element("take-over").hidden = status.drives;
+  element("steering").disabled = !status.drives;
   say("demonstrations", status.demonstrations);
   say("corrections", status.corrections);
   say("target", status.target);
-  const checking = status.kept.filter(({ verification }) => verification.verdict === "checking").length;
-  say("checking", checking ? `(and ${checking} being checked)` : "saved");
+  say("checking", status.checking ? `(and ${status.checking} being checked)` : "saved");
   element("progress").max = status.target;
   element("progress").value = Math.min(status.demonstrations, status.target);
   say("episode", episode());
   if (news.kept) showKept(status.kept);
   say("logs-line", `logs: ${status.folder}`);
   if (news.time_scale) element("time-scale").value = status.time_scale;
+  if (news.undo_s) element("undo-s").value = status.undo_s;
   if (news.numbers) say("number-list", numbers(status.numbers));
   trouble(status.problem);
   announce(before, phase);
+}
+
+function watching() {
+  if (!status.is_driven) return "Nobody drives; take over the controls to go on";
+  return `Somebody else drives (${phases[status.phase].toLowerCase()}); you watch`;
 }
 
 function episode() {
@@ -130,23 +150,31 @@ function showKept(kept) {
 function showDrafts(drafts) {
   element("drafts").hidden = !drafts.length;
   element("draft-list").replaceChildren(
-    ...drafts.map(({ task, draft, operator, began, seconds, parent_step: from }) => {
+    ...drafts.map((left) => {
       const item = document.createElement("li");
       const about = document.createElement("span");
-      const when = began.slice(0, 16).replace("T", " ");
-      const correction = from === null ? "" : `, finishing a rollout from step ${from} on`;
-      about.textContent = `${task}${correction}${operator ? `, ${operator}` : ""}, begun ${when}: ${seconds.toFixed(1)} s recorded`;
-      const { target, spacemouse } = element("begin").elements;
-      item.append(
-        about,
-        button("Go on with it", () => connection.send({
-          kind: "resume", task, draft, target: Number(target.value), spacemouse: spacemouse.checked,
-        })),
-        button("Remove it", () => connection.send({ kind: "forget", task, draft })),
-      );
+      about.textContent = left.problem ? `${left.problem[0].toUpperCase()}${left.problem.slice(1)}.` : interrupted(left);
+      if (left.problem) about.className = "bad";
+      item.append(about, ...(left.problem ? [] : [button("Go on with it", () => resume(left))]));
+      item.append(button("Remove it", () => connection.send({ kind: "forget", task: left.task, draft: left.draft })));
       return item;
     }),
   );
+}
+
+function interrupted({ task, operator, began, seconds, parent_step: from }) {
+  const when = began.slice(0, 16).replace("T", " ");
+  const correction = from === null ? "" : `, finishing a rollout from step ${from} on`;
+  return `${task}${correction}${operator ? `, ${operator}` : ""}, begun ${when}: ${seconds.toFixed(1)} s recorded`;
+}
+
+function resume({ task, draft }) {
+  const { target, spacemouse, operator, keys } = element("begin").elements;
+  hasBegun = true;
+  connection.send({
+    kind: "resume", task, draft, target: Number(target.value), spacemouse: spacemouse.checked,
+    operator: operator.value, keys: keys.value,
+  });
 }
 
 function button(text, action) {
@@ -197,7 +225,8 @@ function numbers({ proprioception: p, part_poses: parts }) {
 
 function announce(before, phase) {
   const newest = status.kept[0];
-  if (newest && before.kept && JSON.stringify(before.kept[0]) !== JSON.stringify(newest)) {
+  // What lies in the folder of another task is no news.
+  if (newest && before.kept && before.folder === status.folder && JSON.stringify(before.kept[0]) !== JSON.stringify(newest)) {
     caption(`${newest.name}: ${newest.verification.sentence}`, newest.verification.verdict);
   } else if (before.phase && before.phase !== status.phase && (phase === "paused" || phase === "over")) {
     caption(status.sentence, phase);
@@ -225,12 +254,17 @@ element("begin").addEventListener("submit", (event) => {
   for (const { name, value } of rememberedFields(event.target)) localStorage.setItem(`teleop.${name}`, value);
   const { target, episode, step, ...choice } = Object.fromEntries(new FormData(event.target));
   const rollout = choice.artifact ? { kind: "correct", episode: Number(episode), step: Number(step) } : { kind: "begin" };
+  element("take-over").operator.value = choice.operator;
+  hasBegun = !status.going_on || status.drives;
+  connection.send({ kind: "end" });
   connection.send({ ...choice, ...rollout, target: Number(target), spacemouse: event.target.spacemouse.checked });
   document.activeElement?.blur();
   input.isActive = true;
 });
-element("take-over").addEventListener("click", () => {
-  connection.send({ kind: "take over" });
+element("take-over").addEventListener("submit", (event) => {
+  event.preventDefault();
+  connection.send({ kind: "take over", operator: event.target.operator.value });
+  document.activeElement?.blur();
   input.isActive = true;
 });
 element("end").addEventListener("click", () => connection.send({ kind: "end" }));
@@ -243,6 +277,10 @@ for (const id of ["time-scale", "undo-s"]) {
     target.blur();
   });
 }
+addEventListener("click", ({ detail }) => {
+  // Of a mouse: else Space and Enter would press the button again instead of driving. Who uses the keyboard stays there.
+  if (detail && input.drives) setTimeout(() => document.activeElement.matches(".buttons *") && document.activeElement.blur());
+});
 element("show-numbers").addEventListener("change", ({ target }) => {
   element("numbers").hidden = !target.checked;
   if (target.checked) connection.send({ kind: "numbers" });

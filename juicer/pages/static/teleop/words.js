@@ -1,7 +1,7 @@
 // How keys are called, and how things sound.
 
 const NAMES = {
-  Space: "Space", ShiftLeft: "Shift", ShiftRight: "Shift right", ControlLeft: "Ctrl", ControlRight: "right Ctrl",
+  Space: "Space", ShiftLeft: "Shift", ShiftRight: "Shift right",
   ArrowUp: "↑", ArrowDown: "↓", ArrowLeft: "←", ArrowRight: "→", Period: ".", Semicolon: ";", Comma: ",",
   Slash: "/", Minus: "-", Equal: "=", BracketLeft: "[", BracketRight: "]", Quote: "'", Backquote: "`",
 };
