@@ -130,7 +130,7 @@ class Logs:
         write_log(whole, log)
         try:
             sync(whole)
-            path.hardlink_to(whole)
+            _give_name(whole, path)
         except FileExistsError:
             reason = "there is a file of that name, which is not replaced; move it elsewhere"
             raise LogNotWritten(errno.EEXIST, reason, str(path)) from None
@@ -190,3 +190,21 @@ def _is_correction(path: Path) -> bool | None:
         return LogFile(path).header.parent is not None
     except RejectedLog:
         return None
+
+
+def _give_name(whole: Path, path: Path) -> None:
+    """Give a file a name that nothing has.
+
+    Raises:
+        FileExistsError: If something has it.
+        OSError: If the disk refuses it otherwise.
+    """
+    try:
+        path.hardlink_to(whole)
+    except FileExistsError:
+        raise
+    except OSError as error:
+        # Some file systems, exFAT among them, know no second name of a file.
+        if path.exists():
+            raise FileExistsError(errno.EEXIST, str(path)) from error
+        whole.replace(path)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -222,7 +224,13 @@ def test_recordings_that_came_without_their_marks_keep_their_initial_states_for_
     assert make_work().take.seed == interrupted + 1
 
 
-def test_a_demonstration_is_never_written_in_place_of_another(make_work, tmp_path):
+@pytest.mark.parametrize("has_links", [True, False])
+def test_a_demonstration_is_never_written_in_place_of_another(make_work, tmp_path, monkeypatch, has_links):
+    def refuse(path, other):
+        raise PermissionError(errno.EPERM, "Operation not permitted", str(path))
+
+    if not has_links:  # as on exFAT
+        monkeypatch.setattr(Path, "hardlink_to", refuse)
     work = make_work()
     saved = tmp_path / f"{work.take.seed:08d}.npz"
     saved.write_bytes(b"copied here meanwhile")
