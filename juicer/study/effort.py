@@ -11,7 +11,7 @@ from juicer.artifacts.manifest import Manifest
 from juicer.demonstration.recording import minutes_of
 from juicer.reporting.paper import PAPER_TABLE_IV
 from juicer.reporting.section import Section, Table
-from juicer.study.material import Measured, TaskStudy
+from juicer.study.material import Measured, TaskStudy, temperament_of
 
 LABEL_S = 12.0
 """Human seconds a critical state takes to be labelled on a task that the paper does not have: as on its one_leg."""
@@ -34,10 +34,11 @@ def effort_section(studies: Sequence[TaskStudy]) -> Section | None:
         "Effort",
         "What it takes of a human",
         "Minutes are those of whoever holds the device: ten control steps a second of every recording and correction, "
-        "also of those that failed; what annotating took is measured on juicer's page, and of labels from elsewhere it "
-        "is what the paper's annotators needed for as many critical states of that task. "
-        "Where the operator is scripted and critical states are proposed, no person spent them. Corrections of a round "
-        "in which none succeeded are not counted.",
+        "also of those that failed. Of a person's recordings that is the least they can have taken: what was undone or "
+        "discarded left none, and slow motion counts as real time. What annotating took is measured on juicer's page, "
+        "and of labels from elsewhere it is what the paper's annotators needed for as many critical states of that "
+        "task. Where the operator is scripted and critical states are proposed, no person spent them. Corrections of a "
+        "round in which none succeeded are not counted.",
         (
             Table(columns, demonstrations, "Demonstrations, as in the paper's Table IV, which is of 50"),
             *_annotated(studies),
@@ -62,7 +63,7 @@ def _demonstrated(study: TaskStudy) -> Iterator[tuple[str, ...]]:
             study.task,
             str(episodes),
             str(logs.summary["logs"]) if logs else str(len(each.recipe.files)),
-            str(logs.summary["device"]) if logs else "people",
+            f"{logs.summary['device']}{temperament_of(logs)}" if logs else "people",
             f"{steps / episodes:.0f}" if episodes else "-",
             f"{_minutes(each, study):.1f}",
             f"{marked.summary['critical_states'] / episodes:.1f}" if marked and episodes else "-",

@@ -16,6 +16,9 @@ from juicer.reporting.content import ShownAnalysis
 from juicer.reporting.sources import Sources
 from juicer.study.curves import Curve
 
+STEADY = "steady"
+"""The kind of temperament that a recording has which names none."""
+
 _OF_THE_POLICY = ("episodes", "seed", "inference_steps", "samples", "anytime")
 """Settings of an evaluation that leave alone what an initial state of a number is, and how long a policy may take."""
 
@@ -78,6 +81,11 @@ class TaskStudy:
             for each in self.sources.behind([each.ref for each in plain])
             if each.recipe.stage == "ingest" and each.recipe.config["task"] == self.task
         )
+        sizes |= dict.fromkeys(
+            f"recorded by a {each.summary['device']}{temperament}"
+            for each in self.sources.behind([each.ref for each in plain])
+            if each.recipe.stage == "record" and (temperament := temperament_of(each))
+        )
         levels = dict.fromkeys(
             f"randomness {level}" for each in plain if (level := each.recipe.config.get("randomness"))
         )
@@ -101,6 +109,12 @@ class TaskStudy:
             seen = each.result.observes if each.result.observes != STATE else ""
             groups.setdefault(", ".join(filter(None, (seen, each.setting))), []).append(each)
         return {setting: group for setting, group in groups.items() if len({each.states for each in group}) == 1}
+
+
+def temperament_of(recording: Manifest) -> str:
+    """How the operator of a recording is, behind a comma; empty of the steady one, as most recordings are."""
+    kind = recording.recipe.config.get("temperament", {}).get("kind", STEADY)
+    return "" if kind == STEADY else f", {kind}-like"
 
 
 def by_setting(study: TaskStudy) -> Iterator[tuple[str, TaskStudy]]:

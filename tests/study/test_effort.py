@@ -99,3 +99,18 @@ def test_labels_that_people_brought_from_elsewhere_cost_what_the_papers_did(made
     assert section is not None
     assert section.tables[-1].rows[0][2] == shown
     assert len(section.tables) == (3 if minutes else 2), "what the page measured is told if it measured anything"
+
+
+def test_pages_say_of_which_temperament_the_operator_was(made):
+    for condition, config in (("bc", {}), ("hurried", {"temperament": {"kind": "human"}})):
+        summary = {"device": "scripted operator", "logs": 2}
+        logs = made.artifact("record", "logs", summary=summary, config={"task": "one_leg"} | config)
+        summary = {"episodes": 2, "steps": 1200, "idle_steps_dropped": 0}
+        episodes = made.artifact(
+            "ingest", "episodes", summary=summary, config={"task": "one_leg"}, inputs={"logs": (logs,)}
+        )
+        made.evaluation(condition, made.artifact("train", "checkpoint", inputs={"episodes": (episodes,)}))
+    section = effort_section([made.study])
+    assert section is not None
+    assert [row[3] for row in section.tables[0].rows] == ["scripted operator", "scripted operator, human-like"]
+    assert made.study.base == "2 demonstrations, recorded by a scripted operator, human-like"
