@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from juicer import api
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
@@ -113,6 +114,13 @@ def test_its_evaluation_says_what_it_saw(looking):
     assert summary["headline"].endswith("), from images")
     assert "finding" not in summary
     assert len(read_evaluation(looking.store.open(evaluation))) == 3
+
+
+def test_a_notebook_is_told_what_it_saw(looking):
+    evaluation = evaluate(looking.session(), checkpoint=looking.checkpoint, config=EVALUATE)
+    assert api.load_evaluation(looking.store, evaluation.id).observes == "images"
+    policy = api.load_policy(looking.store, looking.checkpoint.id)
+    assert str(api.evaluate(policy, "one_leg", episodes=1, max_steps=2)).endswith(", from images")
 
 
 def test_what_another_renderer_drew_is_told(looking, monkeypatch):
