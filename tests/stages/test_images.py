@@ -24,9 +24,11 @@ from juicer.storage.evaluations import read_evaluation
 from juicer.training.config import TrainingConfig
 from juicer.training.mixing import DatasetConfig
 from juicer.views import GazeCrop, View
+from stages.collect import CollectConfig, collect
 from stages.dataset import dataset
 from stages.evaluate import EvaluateConfig, evaluate
 from stages.ingest import ingest
+from stages.monitor import MonitorConfig, monitor
 from stages.render import RenderConfig, render
 from stages.runtime.execution import perform_here
 from stages.runtime.machine import Machine
@@ -123,13 +125,41 @@ def test_a_notebook_is_told_what_it_saw(looking):
     assert str(api.evaluate(policy, "one_leg", episodes=1, max_steps=2)).endswith(", from images")
 
 
-def test_what_another_renderer_drew_is_told(looking, monkeypatch):
-    monkeypatch.setattr("stages.evaluate.gl_name", lambda: "another")
-    config = EVALUATE.model_copy(update={"episodes": 1})
-    evaluation = evaluate(looking.session(), checkpoint=looking.checkpoint, config=config)
+@pytest.fixture
+def elsewhere(monkeypatch):
+    """A machine whose renderer is another one."""
+    monkeypatch.setattr("juicer.renderers.gl_name", lambda: "another")
+
+
+def told_of_another(looking):
     drawn_by = looking.summary(looking.checkpoint)["drawn_by"][0]
-    told = f"it acted on images drawn by another, and had learned from those of {drawn_by}"
-    assert looking.summary(evaluation)["finding"] == told
+    return f"it saw images drawn by another, and had learned from those of {drawn_by}"
+
+
+def test_what_another_renderer_drew_is_told_also_of_an_evaluation_that_began_there(looking, elsewhere, monkeypatch):
+    one, two = (EVALUATE.model_copy(update={"episodes": number, "anytime": True}) for number in (1, 2))
+    begun = evaluate(looking.session(), checkpoint=looking.checkpoint, config=one)
+    monkeypatch.undo()
+    whole = evaluate(looking.session(), checkpoint=looking.checkpoint, previous=begun, config=two)
+    assert {looking.summary(ref)["finding"] for ref in (begun, whole)} == {told_of_another(looking)}
+    own = looking.summary(looking.checkpoint)["drawn_by"]
+    assert [looking.summary(ref)["drawn_by"] for ref in (begun, whole)] == [["another"], sorted(["another", *own])]
+
+
+def test_what_another_renderer_drew_is_told_of_rollouts_and_of_a_monitor(looking, elsewhere):
+    scene = {"task": "one_leg", "randomness": "low", "max_steps": 12}
+    collected = collect(
+        looking.session(), checkpoint=looking.checkpoint, config=CollectConfig(**scene, successes=1, max_episodes=1)
+    )
+    assert looking.summary(collected)["finding"] == told_of_another(looking)
+    head = {"kind": "flow", "denoiser": {"kind": "mlp", "width": 32, "blocks": 1}}
+    policy = PolicyConfig.model_validate({**POLICY.model_dump(), "head": head})
+    drawing_samples = train(
+        looking.session(), dataset=looking.dataset, config=TrainConfig(policy=policy, training=TRAINING)
+    )
+    config = MonitorConfig(**scene, episodes=1, watched_samples=2)
+    watched = monitor(looking.session(), checkpoint=drawing_samples, config=config)
+    assert looking.summary(watched)["finding"].endswith(f"; {told_of_another(looking)}")
 
 
 def test_images_of_two_renderers_are_learned_from_and_told(looking):
