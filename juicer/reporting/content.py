@@ -251,8 +251,8 @@ class ReportData:
         facts: Setting of the run in a few name-value pairs: preset, demonstrations, machine, version.
         findings: Sentences that a reader must not miss, e.g. why a model was not retrained.
         results: Rows of the comparison, in order.
-        paper: Average and best success rate by condition as the paper's Table VI has them; other
-            simulator and observations, so for orientation only.
+        paper: Average and best success rate by condition as the paper's Table VI has them, or the average alone as its
+            Table VII has it; other simulator and observations, so for orientation only.
         sections: What the conditions say together: tests, curves, statements that hold or not, cost.
         funnels: Milestones by condition.
         curves: Training runs.
@@ -271,7 +271,7 @@ class ReportData:
     facts: Mapping[str, str] = field(default_factory=dict)
     findings: tuple[str, ...] = ()
     results: tuple[ConditionResult, ...] = ()
-    paper: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    paper: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     sections: tuple[Section, ...] = ()
     funnels: tuple[Funnel, ...] = ()
     curves: tuple[TrainingCurve, ...] = ()
