@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
+import torch
+from safetensors.torch import save_file
 
 from juicer import api
 from juicer.artifacts.recipe import Recipe
@@ -13,7 +16,7 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.demonstration.ingestion import IngestionConfig
 from juicer.demonstration.log import write_log
-from juicer.errors import ArtifactError, InvalidObservation
+from juicer.errors import ArtifactError, InvalidObservation, UnusableWeights
 from juicer.policy.checkpoint import load_policy
 from juicer.policy.config import PolicyConfig
 from juicer.policy.served import _load_pyfunc
@@ -182,6 +185,19 @@ def test_a_dataset_without_the_images_of_a_view_is_refused(looking):
     )
     with pytest.raises(ArtifactError, match=r"looks at wrist whole 32x24, and the dataset has no such images"):
         train(looking.session(), dataset=less, config=TRAIN)
+
+
+def test_weights_of_another_network_are_refused_before_images_are_unpacked(looking, tmp_path, monkeypatch):
+    save_file({"conv1.weight": torch.zeros(3)}, tmp_path / "mine.safetensors")
+    digest = hashlib.sha256((tmp_path / "mine.safetensors").read_bytes()).hexdigest()
+    weights = {"file": "mine.safetensors", "sha256": digest, "licence": "MIT"}
+    eyes = {"kind": "images", "views": {"gaze": GAZE, "wrist": WRIST}, "backbone": {**CNN, "weights": weights}}
+    observation = {"body": {"kind": "proprioception"}, "eyes": eyes}
+    policy = PolicyConfig.model_validate({**POLICY.model_dump(), "observation": observation})
+    monkeypatch.setattr("stages.train.unpack_images", lambda *_: pytest.fail("images were unpacked"))
+    session = Session(looking.store, perform_here, machine=Machine(weights=tmp_path))
+    with pytest.raises(UnusableWeights, match="holds the weights of another network"):
+        train(session, dataset=looking.dataset, config=TrainConfig(policy=policy, training=TRAINING))
 
 
 @pytest.mark.parametrize(
