@@ -258,6 +258,7 @@ class ReportData:
         curves: Training runs.
         augmentations: Yield of each augmentation.
         estimators: Errors of each estimator whose estimates a policy acts on.
+        varied: PNGs of images as policies see them when they act, and as they were varied in training.
         analyses: What else is known of the policies.
         videos: A success, a typical failure.
         models: Every model with every episode of its evaluation.
@@ -277,6 +278,7 @@ class ReportData:
     curves: tuple[TrainingCurve, ...] = ()
     augmentations: tuple[AugmentationYield, ...] = ()
     estimators: tuple[EstimatorErrors, ...] = ()
+    varied: tuple[bytes, ...] = ()
     analyses: tuple[ShownAnalysis, ...] = ()
     videos: tuple[EpisodeVideo, ...] = ()
     models: tuple[EvaluatedModel, ...] = ()
