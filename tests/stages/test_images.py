@@ -23,7 +23,9 @@ from juicer.policy.served import _load_pyfunc
 from juicer.rollout import rollout
 from juicer.storage.columns import ColumnReader, write_columns
 from juicer.storage.dataset import read_dataset
+from juicer.storage.episodes import EpisodeReader
 from juicer.storage.evaluations import read_evaluation
+from juicer.storage.selections import SelectionRow, write_selection
 from juicer.training.config import TrainingConfig
 from juicer.training.mixing import DatasetConfig
 from juicer.views import GazeCrop, View
@@ -177,6 +179,29 @@ def test_images_of_two_renderers_are_learned_from_and_told(looking):
     mixed = dataset(session, episodes=(looking.demonstrations,), columns=(gaze, draft.ref), config=DatasetConfig())
     finding = looking.summary(train(session, dataset=mixed, config=TRAIN))["finding"]
     assert finding.startswith("some of its images were drawn by another and others by ")
+
+
+def test_it_is_retrained_on_the_images_of_the_rollouts_that_are_kept(looking):
+    session = looking.session()
+    config = CollectConfig(task="one_leg", randomness="low", successes=2, max_episodes=2, max_steps=12)
+    rollouts = collect(session, checkpoint=looking.checkpoint, config=config)
+    left, kept = EpisodeReader(looking.store.open(rollouts)).ids
+    with looking.store.create(Recipe("by hand", "selection", inputs={"episodes": (rollouts,)})) as chosen:
+        write_selection(chosen.path, [SelectionRow(left, False, "too long"), SelectionRow(kept, True, "")])
+    images = tuple(
+        render(session, episodes=rollouts, selections=(chosen.ref,), config=RenderConfig(view=view))
+        for view in POLICY.learned_views
+    )
+    mixed = dataset(
+        session,
+        episodes=(looking.demonstrations, rollouts),
+        selections=(chosen.ref,),
+        columns=(*looking.columns, *images),
+        config=DatasetConfig(),
+    )
+    retrained = looking.summary(train(session, dataset=mixed, config=TRAIN))
+    assert retrained["episodes"] == {"teleop": 2, "rollout": 1}
+    assert [looking.summary(ref)["images"] for ref in images] == [retrained["timesteps"]["rollout"]] * 2
 
 
 def test_a_dataset_without_the_images_of_a_view_is_refused(looking):
