@@ -57,7 +57,7 @@ lock: setup ## Install the newest versions that pyproject.toml allows, and write
 		$(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) --editable '.[dev,postgres]'
 	scripts/write_constraints.sh
 
-# Without OpenGL everything but images works, so its absence is told and stops nothing.
+# Without OpenGL everything works but what looks at images or shows them. Its absence is told here; what needs it stops.
 gl: $(INSTALLED)
 	@test -e $(CAN_DRAW) || { scripts/ensure_gl.sh && touch $(CAN_DRAW); } || true
 

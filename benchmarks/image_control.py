@@ -1,6 +1,6 @@
 """Do the images decide? A policy acts on what it sees, and then on images of another episode.
 
-    python -m benchmarks.image_control CHECKPOINT DEMONSTRATIONS [--data data] [--episodes 40]
+    python -m benchmarks.image_control CHECKPOINT DEMONSTRATIONS [--data data] [--episodes 40] [--randomness low]
 
 CHECKPOINT is the id of a policy that looks at images, DEMONSTRATIONS that of episodes of its task, as ``juicer ls``
 prints them. In the control the policy has its own proprioception, and sees the images of the first of these episodes at
@@ -72,6 +72,7 @@ def main() -> None:
     parser.add_argument("demonstrations")
     parser.add_argument("--data", type=Path, default=Path("data"), help="folder of the artifacts")
     parser.add_argument("--episodes", type=int, default=40)
+    parser.add_argument("--randomness", default="low", choices=("low", "med", "high"), help="of the initial states")
     parser.add_argument("--envs", type=int, default=8)
     parser.add_argument("--max-steps", type=int, help="steps of an episode; those of the task if left out")
     options = parser.parse_args()
@@ -87,9 +88,8 @@ def main() -> None:
 def _account(policy: Policy, task: str, options: argparse.Namespace) -> str:
     episodes = options.episodes
     seeds = claim(Purpose.EVALUATION, 0, episodes)
-    records = [
-        each.record for each in rollout(policy, task, "low", seeds, num_envs=options.envs, max_steps=options.max_steps)
-    ]
+    runs = rollout(policy, task, options.randomness, seeds, num_envs=options.envs, max_steps=options.max_steps)
+    records = [each.record for each in runs]
     successes = sum(record.outcome is Outcome.SUCCESS for record in records)
     low, high = wilson_interval(successes, episodes)
     reached = milestone_counts([record.milestones for record in records], get_task(task).milestones)

@@ -251,7 +251,7 @@ def _gather(session: Session, config: LoopConfig, condition: Condition, seed: in
         session = session.for_round(turn)
         rollouts = collect(session, checkpoint=checkpoint, config=config.collection(seed, turn))
         gained, findings = _gain(session, config, condition, data.gained, rollouts)
-        noted += findings
+        noted += (*(f"round {turn}: {finding}" for finding in _findings(session, rollouts)), *findings)
         if gained.learned == data.gained.learned:
             break
         augmentation = (config.augment_retraining or config.augment) if condition.augment else None
@@ -278,7 +278,7 @@ def _gain(
 
 
 def _findings(session: Session, ref: ArtifactRef) -> tuple[str, ...]:
-    """What an artifact says of its own emptiness, if anything.
+    """Why an artifact holds nothing, or less than it seems to, if it says so.
 
     An artifact that is not made yet, in a run in thought, is assumed to hold what is expected of it.
     """

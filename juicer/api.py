@@ -189,15 +189,9 @@ def load_policy(store: ArtifactStore, name: str, task: str | None = None, device
     Raises:
         JuicerError: If it is not there or damaged, was not trained for the task, or torch lacks the device.
     """
-    from juicer.policy.checkpoint import load_policy
+    from juicer.library.policies import load_policy
 
-    ref = find(store, name, "checkpoint")
-    if task is None:
-        known = store.manifest(ref).summary.get("tasks", ())
-        if not isinstance(known, list) or len(known) != 1:
-            raise ConfigError(f"{ref} was trained for {len(known)} tasks ({', '.join(map(str, known))}); choose one")
-        task = str(known[0])
-    return load_policy(store.open(ref), task, device=device)
+    return load_policy(store, find(store, name, "checkpoint"), task, device)
 
 
 def tasks() -> pd.DataFrame:
@@ -324,6 +318,7 @@ def evaluate(
     Raises:
         JuicerError: See :func:`rollout`.
     """
+    from juicer.library.policies import observed_by
     from juicer.shifts import parse_shift
     from juicer.storage.evaluations import EvaluationRow
 
@@ -340,7 +335,7 @@ def evaluate(
     )
     rows = tuple(EvaluationRow.of(index, run) for index, run in enumerate(runs))
     name = getattr(policy, "__name__", type(policy).__name__)
-    return Evaluation(name, task, str(randomness), max_steps, rows, shift=shift)
+    return Evaluation(name, task, str(randomness), max_steps, rows, shift=shift, observes=observed_by(policy))
 
 
 def compare(first: Evaluation, second: Evaluation) -> PairedComparison:

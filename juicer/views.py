@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -113,3 +114,12 @@ class ImageSpec(ArraySpec):
     """
 
     view: View
+
+
+def account_of(observations: Iterable[ArraySpec]) -> str:
+    """What somebody who is shown these sees, for people: ``state``, ``images``, both, or ``proprioception`` alone."""
+    specs = tuple(observations)
+    images = any(isinstance(spec, ImageSpec) for spec in specs)
+    poses = "part_poses" in {spec.name for spec in specs}
+    told = {"images": images, "state": poses, "proprioception": not (images or poses)}
+    return ", ".join(what for what, is_so in told.items() if is_so)

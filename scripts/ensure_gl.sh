@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Make sure that MuJoCo can draw without a screen; images and videos need it, training does not.
+# Make sure that MuJoCo can draw without a screen; policies that look at images need it, and videos.
 # Ends with status 0 if it can, 1 (and one sentence) if it cannot. Called by `make gl`.
 set -euo pipefail
 
@@ -25,6 +25,7 @@ if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
     { apt-get update -qq && apt-get install -y -qq --no-install-recommends $PACKAGES; } >/dev/null || true
     can_draw && exit 0
 fi
-echo "juicer set-up: no OpenGL platform for drawing without a screen, so videos and images are left out;" \
+echo "juicer set-up: no OpenGL platform for drawing without a screen, so there can be no policies that look at images, and" \
+    "no images or videos of others;" \
     "install them with: apt-get install $PACKAGES" >&2
 exit 1

@@ -11,6 +11,7 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.episode import Episode, Outcome
 from juicer.policy_rollout import RolloutConfig, RolloutSection, roll_out
 from juicer.progress import Progress
+from juicer.renderers import renderer_facts
 from juicer.seed_ranges import Purpose, claim
 from juicer.storage.episodes import write_episodes
 from stages.runtime.context import StageContext
@@ -58,6 +59,7 @@ def collect(context: StageContext, *, checkpoint: ArtifactRef, config: CollectCo
         "success_rate": tally[Outcome.SUCCESS] / num_episodes,
         "steps": tally["steps"],
         "outcomes": {outcome.value: tally[outcome] for outcome in Outcome if tally[outcome]},
+        **renderer_facts(context.store, checkpoint),
     }
 
 

@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from juicer.artifacts.manifest import FINDING, HEADLINE, LABEL, OBSERVES, SHIFT, STATE
+from juicer.artifacts.manifest import HEADLINE, LABEL, OBSERVES, SHIFT, STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.episode import Episode, Outcome
 from juicer.errors import ConfigError
 from juicer.evaluation import anytime_interval, milestone_counts, wilson_interval
 from juicer.policy_rollout import RolloutConfig, RolloutSection, roll_out
+from juicer.renderers import renderer_facts
 from juicer.seed_ranges import Purpose, claim
 from juicer.shifts import Shift
-from juicer.sim.env import gl_name
-from juicer.storage.columns import DRAWN_BY
 from juicer.storage.episodes import EpisodeReader, write_episodes
 from juicer.storage.evaluations import EXAMPLES, EvaluationRow, read_evaluation, write_evaluation
 from juicer.tasks.registry import get_task
-from juicer.text import printable
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
 
@@ -88,8 +86,7 @@ def evaluate(
     context.draft.summary |= facts(rows, get_task(config.task).milestones, anytime=config.anytime)
     context.draft.summary |= {SHIFT: config.shift.phrase} if config.shift else {}
     context.draft.summary |= _texts(context.draft.summary)
-    if finding := _other_renderer(policy.summary.get(DRAWN_BY, [])):
-        context.draft.summary[FINDING] = finding
+    context.draft.summary |= renderer_facts(context.store, checkpoint, previous)
 
 
 def _texts(summary: Mapping[str, Any]) -> dict[str, str]:
@@ -100,13 +97,6 @@ def _texts(summary: Mapping[str, Any]) -> dict[str, str]:
     seen = "" if observes == STATE else f", from {observes}"
     seen += f", {summary[SHIFT]}" if SHIFT in summary else ""
     return {HEADLINE: f"success {found} ({low:.0%} to {high:.0%}){seen}", LABEL: f"{found}{seen}"}
-
-
-def _other_renderer(drawn_by: Sequence[str]) -> str:
-    """A sentence if the policy acted on images that another renderer drew than those it learned from."""
-    if not drawn_by or (present := gl_name()) in drawn_by:
-        return ""
-    return f"it acted on images drawn by {present}, and had learned from those of {printable(' and '.join(drawn_by))}"
 
 
 def facts(rows: list[EvaluationRow], milestones: tuple[str, ...], *, anytime: bool = False) -> dict[str, object]:

@@ -15,6 +15,7 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.config import StrictConfig
 from juicer.episode import Episode
 from juicer.policy_rollout import RolloutConfig, roll_out
+from juicer.renderers import renderer_facts
 from juicer.seed_ranges import Purpose, claim
 from juicer.seeding import stream
 from juicer.storage.analyses import MonitorRow, write_monitor
@@ -75,7 +76,10 @@ def monitor(context: StageContext, *, checkpoint: ArtifactRef, config: MonitorCo
     rows = list(_watch(policy, episodes, config))
     write_monitor(context.draft.path, rows)
     found = {measure: watched(rows, measure, policy.action_horizon, config.window) for measure in MEASURES}
-    context.draft.summary |= {"action_horizon": policy.action_horizon, **_facts(found, config)}
+    facts = {"action_horizon": policy.action_horizon, **_facts(found, config)}
+    renderers = renderer_facts(context.store, checkpoint)
+    findings = [str(each[FINDING]) for each in (facts, renderers) if FINDING in each]
+    context.draft.summary |= {**facts, **renderers, **({FINDING: "; ".join(findings)} if findings else {})}
 
 
 def _watch(policy: TrainedPolicy, episodes: Iterable[Episode], config: MonitorConfig) -> Iterator[MonitorRow]:

@@ -93,6 +93,7 @@ def report(
         facts=config.facts,
         findings=(*config.findings, *findings),
         videos=videos,
+        varied=tuple(varied_images(context.store, evaluations)),
         analyses=shown,
         configuration=config.configuration,
         links=config.links,
@@ -100,7 +101,7 @@ def report(
     write_page(data, context.draft.path / PAGE)
     for chart in (chart for section in data.sections for chart in section.charts):
         (context.draft.path / f"{chart.name}.png").write_bytes(chart.png)
-    for number, figure in enumerate(varied_images(context.store, evaluations)):
+    for number, figure in enumerate(data.varied):
         (context.draft.path / f"{VARIED}{number or ''}.png").write_bytes(figure)
     for row, analysis in zip(config.analyses, shown, strict=True):
         if analysis.png:

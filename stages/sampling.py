@@ -10,6 +10,7 @@ from juicer.artifacts.manifest import FINDING, HEADLINE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import Seed, StrictConfig
 from juicer.episode import Episode
+from juicer.renderers import renderer_facts
 from juicer.seeding import stream
 from juicer.storage.analyses import DIMENSIONS, write_samples
 from juicer.storage.annotations import read_annotations
@@ -109,6 +110,7 @@ def sampling(
         "distances": apart,
         "deviations": dict(zip(DIMENSIONS, truth.std(axis=0).tolist(), strict=True)),
         HEADLINE: _headline({name: each["sliced"] for name, each in apart.items()}, reference),
+        **renderer_facts(context.store, checkpoint),
     }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pydantic import Field
@@ -72,14 +71,15 @@ def train(
     _require_own_estimates(context.store, rows, estimators)
     curves = CurveWriter(context.draft.scratch, context.metrics)
     episodes = concatenate([read_episodes(*group, tasks, names) for group in groups])
-    images = unpack_images(groups, encoders.training_images, context.draft.scratch / "images", context.progress)
+    images = context.draft.scratch / "images"
     trained = train_policy(
-        [replace(episodes, observations={**episodes.observations, **images})],
+        [episodes],
         config.policy,
         tasks,
         config.training,
         seed=config.seed,
         estimators=[context.store.open(each, "estimator") for each in estimators],
+        unpack=lambda: unpack_images(groups, encoders.training_images, images, context.progress),
         scratch=context.draft.scratch / "state",
         device=context.machine.device,
         loaders=context.machine.loaders,

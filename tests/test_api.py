@@ -231,6 +231,13 @@ def test_an_evaluation_of_ones_own_is_compared_with_a_stored_one(store: Artifact
     assert list(api.initial_states(2, first=3)) == [3_000_003, 3_000_004]
 
 
+def test_every_rate_says_what_its_policy_saw(store: ArtifactStore):
+    assert "observes" in api.models(store)
+    assert api.evaluate(stay, "one_leg", episodes=1, max_steps=2).observes == "state"
+    replay = api.load_policy(store, "ta_ci")
+    assert api.evaluate(replay, "one_leg", episodes=1, max_steps=2).observes == "state"
+
+
 def test_annotations_and_selections_are_tables(tmp_path: Path):
     store = ArtifactStore(tmp_path)
     with store.create(Recipe("annotate", "annotations")) as annotations:

@@ -14,7 +14,7 @@ from flows.running.device import check_device
 from flows.running.repair import repair
 from flows.running.settings import read_settings
 from flows.terminal.output import say, say_json
-from juicer.artifacts.manifest import SHIFT
+from juicer.artifacts.manifest import FINDING, LABEL
 from juicer.config import parse_config
 from juicer.errors import ConfigError, InvalidCheckpoint
 from juicer.shifts import parse_shift
@@ -52,10 +52,9 @@ def evaluate_checkpoint(text: str, asked: Mapping[str, object], until_width: flo
         say_json({"evaluation": str(evaluation), **summary})
         return
     low, high = summary["interval_low"], summary["interval_high"]
-    say(
-        f"{summary['success_rate']:.0%} of {summary['episodes']} episodes succeed"
-        f"{' ' + summary[SHIFT] if config.shift else ''} (95 % interval {low:.0%} to {high:.0%}); {evaluation}"
-    )
+    say(f"success {summary[LABEL]} (95 % interval {low:.0%} to {high:.0%}); {evaluation}")
+    if FINDING in summary:
+        say(f"  {summary[FINDING]}")
     for name in get_task(config.task).milestones:
         say(f"  {name.replace('_', ' '):16} {summary['milestones'][name]}")
 

@@ -20,7 +20,7 @@ with AssemblyEnv() as env:
 _PLATFORMS = ("egl", "osmesa", "glfw")
 _REMEDY = (
     "install libegl1 and libgl1-mesa-dri and set MUJOCO_GL=egl, or libosmesa6 and MUJOCO_GL=osmesa; "
-    "until then runs work, and reports have no images"
+    "until then policies that look at images cannot be made, and reports have no images"
 )
 
 

@@ -16,7 +16,7 @@ from flows.config import RunConfig
 from flows.running.context import expect, open_run
 from flows.running.execution import RunOutcome, execute
 from flows.running.flow_runs import held
-from flows.running.plan import plan, require_weights
+from flows.running.plan import plan, require_drawing, require_weights
 from flows.running.runner import opener
 from flows.running.services import find_pages
 from flows.running.settings import read_settings
@@ -41,6 +41,7 @@ def run(config: RunConfig) -> RunOutcome:
         planned = plan(store, config)
         if not settings.cluster:  # whose machines have folders of their own
             require_weights(planned, settings.machine.weights)
+            require_drawing(planned)
         expect(run_context, planned, settings.folder)
         outcome = execute(run_context.session, config, run_context.tracking)
         _show(outcome, store, find_pages(settings.folder))

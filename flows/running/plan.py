@@ -18,6 +18,7 @@ from juicer.config import models_in
 from juicer.errors import ConfigError, did_you_mean
 from juicer.policy.pretrained.config import Weights
 from juicer.policy.pretrained.files import read_weights_file
+from juicer.views import View
 from stages.runtime.session import Session
 from stages.runtime.stage import StageCall
 
@@ -112,6 +113,19 @@ def require_weights(planned: Iterable[PlannedCall], folder: Path) -> None:
     needed = [model for each in planned if not each.exists for model in models_in(each.call.arguments)]
     for weights in dict.fromkeys(model for model in needed if isinstance(model, Weights)):
         read_weights_file(weights, folder)
+
+
+def require_drawing(planned: Iterable[PlannedCall]) -> None:
+    """Refuse a run that would draw what policies look at where nothing can draw, before the work that leads there.
+
+    Raises:
+        RenderingUnavailable: If a call that is still to be made has a view, and no OpenGL platform can draw.
+    """
+    from juicer.imaging.gl import gl_name  # only where it is needed: it loads the platform's libraries
+
+    needed = (model for each in planned if not each.exists for model in models_in(each.call.arguments))
+    if any(isinstance(model, View) for model in needed):
+        gl_name()
 
 
 def is_complete(store: ArtifactStore, config: RunConfig) -> bool:

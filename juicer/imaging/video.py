@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -14,7 +14,7 @@ import PIL.Image
 from numpy.typing import NDArray
 
 from juicer.episode import Episode
-from juicer.errors import ConfigError, InvalidEpisode, JuicerError
+from juicer.errors import ConfigError, InvalidEpisode
 from juicer.imaging.renderer import ViewRenderer
 from juicer.sim.env import AssemblyEnv
 from juicer.views import CAMERAS, MAX_HEIGHT, MAX_WIDTH, View
@@ -125,11 +125,12 @@ def write_video(path: Path, images: Iterable[Image], frames_per_second: Fraction
 
     Raises:
         ConfigError: If the file cannot be written, or its ending names no video format.
-        JuicerError: Whatever the images raise.
+        ValueError: If an image is not one.
+        Exception: Whatever the images raise.
     """
     count = 0
     try:
-        with _draft_of(path) as draft, av.open(str(draft), "w", options={"movflags": "faststart"}) as container:
+        with _draft_of(path) as draft, _opened(path, draft) as container:
             stream = container.add_stream("libx264", rate=Fraction(frames_per_second))
             stream.pix_fmt = "yuv420p"
             stream.options = {"crf": str(quality), "preset": "veryfast"}
@@ -139,14 +140,21 @@ def write_video(path: Path, images: Iterable[Image], frames_per_second: Fraction
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
                 count += 1
             container.mux(stream.encode())
-    except JuicerError:  # some are ValueErrors too, and tell of the episode
-        raise
-    except (av.error.FFmpegError, OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ConfigError(
-            f"video '{path}' cannot be written: {reason}; name a writable file that ends in .mp4"
-        ) from None
+    except (av.error.FFmpegError, OSError) as error:
+        raise _unwritable(path, error) from None
     return count
+
+
+def _opened(path: Path, draft: Path) -> av.container.OutputContainer:
+    try:
+        return av.open(str(draft), "w", options={"movflags": "faststart"})
+    except ValueError as error:  # an ending that names no format, or a name that no file can have
+        raise _unwritable(path, error) from None
+
+
+def _unwritable(path: Path, error: Exception) -> ConfigError:
+    reason = getattr(error, "strerror", None) or error
+    return ConfigError(f"video '{path}' cannot be written: {reason}; name a writable file that ends in .mp4")
 
 
 def write_strip(path: Path, images: Sequence[Image]) -> None:
@@ -170,4 +178,5 @@ def _draft_of(path: Path) -> Iterator[Path]:
         yield draft
         draft.replace(path)
     finally:
-        draft.unlink(missing_ok=True)
+        with suppress(ValueError):  # a name that no file can have
+            draft.unlink(missing_ok=True)

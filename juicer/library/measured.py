@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from juicer.shifts import Shift
     from juicer.storage.evaluations import EvaluationRow
 
+UNKNOWN = "what it saw is not known"
+
 
 @dataclass(frozen=True)
 class Evaluation:
@@ -31,6 +33,7 @@ class Evaluation:
         rows: How each episode ended, in the order of the initial states.
         anytime: Whether their number depended on what was found, so that only what holds at any time may be said of it.
         shift: In what the scenes differed from training; nothing if None.
+        observes: What the policy saw, and what it was taught with beside; empty if that is not known.
     """
 
     name: str
@@ -40,6 +43,7 @@ class Evaluation:
     rows: tuple[EvaluationRow, ...]
     anytime: bool = False
     shift: Shift | None = None
+    observes: str = ""
 
     @classmethod
     def load(cls, store: ArtifactStore, ref: ArtifactRef, name: str) -> Self:
@@ -54,14 +58,21 @@ class Evaluation:
         from juicer.storage.evaluations import read_evaluation
 
         rows = tuple(read_evaluation(store.open(ref)))
-        config = store.manifest(ref).recipe.config
+        manifest = store.manifest(ref)
+        config = manifest.recipe.config
         if not rows or not {"task", "randomness"} <= set(config):
             raise ArtifactError(f"{ref} does not say which task was evaluated; another version of juicer wrote it")
         limit = config.get("max_steps")
         steps = int(limit) if is_whole(limit) else None
-        shift = parse_shift(config.get("shift"))
         return cls(
-            name, str(config["task"]), str(config["randomness"]), steps, rows, config.get("anytime") is True, shift
+            name,
+            str(config["task"]),
+            str(config["randomness"]),
+            steps,
+            rows,
+            anytime=config.get("anytime") is True,
+            shift=parse_shift(config.get("shift")),
+            observes=manifest.observes,
         )
 
     @property
@@ -96,14 +107,19 @@ class Evaluation:
 
     def __str__(self) -> str:
         """The rate in a sentence, with all that belongs to it."""
+        from juicer.artifacts.manifest import STATE
+
         low, high = self.interval
         share = f"{self.successes} of {len(self.rows)} episodes of {self.task} ({self.randomness}) succeeded"
         share += f" {self.shift.phrase}" if self.shift else ""
-        return f"{share}: {self.rate:.1%} (95 % interval {low:.1%} to {high:.1%})"
+        seen = f", from {self.observes}" if self.observes not in ("", STATE) else ""
+        return f"{share}: {self.rate:.1%} (95 % interval {low:.1%} to {high:.1%}){seen}"
 
 
 def compare(first: Evaluation, second: Evaluation) -> PairedComparison:
     """Pair the episodes of two evaluations that start from the same initial state.
+
+    Of policies that saw different things, the comparison says beside their names what each saw.
 
     Raises:
         ConfigError: If one is not an evaluation, if they are not of the same task, randomness, shift and length of an
@@ -133,4 +149,6 @@ def compare(first: Evaluation, second: Evaluation) -> PairedComparison:
     first_only, second_only = pairs.count((True, False)), pairs.count((False, True))
     anytime = first.anytime or second.anytime
     p_value = (anytime_p_value if anytime else mcnemar_p_value)(first_only, second_only)
-    return PairedComparison(first.name, second.name, first_only, second_only, len(pairs), p_value, anytime)
+    are_alike = first.observes == second.observes
+    names = [each.name if are_alike else f"{each.name} ({each.observes or UNKNOWN})" for each in (first, second)]
+    return PairedComparison(names[0], names[1], first_only, second_only, len(pairs), p_value, anytime)

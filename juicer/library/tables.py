@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from juicer.artifacts.manifest import FINDING, HEADLINE, LABEL, Manifest
+from juicer.artifacts.manifest import FINDING, HEADLINE, LABEL, OBSERVES, Manifest
 from juicer.artifacts.ref import ArtifactRef, require_kind
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Episode, Outcome, Role
@@ -43,14 +43,15 @@ def artifact_table(store: ArtifactStore, kind: str | None) -> pd.DataFrame:
 
 
 def model_table(store: ArtifactStore) -> pd.DataFrame:
-    """A row a model that a report names, with what its evaluation found."""
+    """A row a model that a report names, with what it saw and what its evaluation found."""
     found = ("episodes", "successes", "success_rate", "interval_low", "interval_high", "mean_length")
     rows = []
     for model in read_models(store):
         try:
-            summary = store.manifest(model.evaluation).summary
+            manifest = store.manifest(model.evaluation)
+            summary, observes = manifest.summary, manifest.observes
         except ArtifactError:
-            summary = {}
+            summary, observes = {}, ""
         _, _, condition, _ = model.words
         rows.append(
             {
@@ -59,13 +60,14 @@ def model_table(store: ArtifactStore) -> pd.DataFrame:
                 "task": model.task,
                 "condition": condition,
                 "seed": model.seed,
+                OBSERVES: observes,
                 **{name: summary.get(name) for name in found},
                 "evaluation": model.evaluation.id,
                 "checkpoint": model.checkpoint.id if model.checkpoint else None,
                 "report": model.report.id,
             }
         )
-    columns = ["name", "study", "task", "condition", "seed", *found, "evaluation", "checkpoint", "report"]
+    columns = ["name", "study", "task", "condition", "seed", OBSERVES, *found, "evaluation", "checkpoint", "report"]
     return pd.DataFrame(rows, columns=columns).set_index("name")
 
 

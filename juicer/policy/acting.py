@@ -33,7 +33,12 @@ MOST_SAMPLES_AT_ONCE = 256
 
 
 class TrainedPolicy:
-    """Acts on batches of observations with fixed weights."""
+    """Acts on batches of observations with fixed weights.
+
+    Attributes:
+        observes: What it sees, and what its network is taught with beside. Weights may have come from a policy that was
+            taught with more, which the manifest of a checkpoint says: whoever knows that replaces this by it.
+    """
 
     def __init__(
         self, network: PolicyNetwork, task: str, threads: int = 1, device: str = "cpu", samples: int = 1
@@ -55,6 +60,7 @@ class TrainedPolicy:
             raise ConfigError(f"a head of kind '{network.config.head.kind}' has no samples to choose among")
         if task not in network.tasks:
             raise InvalidCheckpoint(f"the policy was trained for {', '.join(network.tasks)}, not for '{task}'")
+        self.observes = network.encoders.account
         self._device = usable_device(device)
         self._network = network.eval().requires_grad_(False).to(self._device)
         self._task = task

@@ -17,7 +17,7 @@ from juicer.policy.condition import Condition, ConditionSizes
 from juicer.policy.config import TASK_KEY, PolicyConfig
 from juicer.policy.members import EncoderConfig
 from juicer.policy.tasks import PART_POSES, Tasks
-from juicer.views import ImageSpec
+from juicer.views import ImageSpec, account_of
 
 PROPRIOCEPTION = SIMULATOR["proprioception"]
 
@@ -136,14 +136,8 @@ class Encoders(nn.Module):
 
         E.g. ``state``, ``images``, or ``images, poses in training``.
         """
-        images, poses = self.sees_images, PART_POSES in {spec.name for spec in self.observations}
-        told = {
-            "images": images,
-            "state": poses,
-            "proprioception": not (images or poses),
-            "poses in training": self.is_taught_unseen_poses,
-        }
-        return ", ".join(what for what, is_so in told.items() if is_so)
+        seen = account_of(self.observations)
+        return f"{seen}, poses in training" if self.is_taught_unseen_poses else seen
 
     @property
     def is_taught_unseen_poses(self) -> bool:

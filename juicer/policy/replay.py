@@ -41,9 +41,11 @@ class ReplayPolicy:
 
     Attributes:
         observations: Part poses are all that it sees.
+        observes: The same in a word.
     """
 
     observations = (SIMULATOR["part_poses"],)
+    observes = "state"
 
     def __init__(
         self, first_poses: NDArray[np.float32], actions: Sequence[NDArray[np.float32]], parts: Sequence[int], steps: int

@@ -59,11 +59,13 @@ def shown_analysis(store: ArtifactStore, ref: ArtifactRef, label: str) -> ShownA
     """
     manifest = store.manifest(ref)
     made = (manifest, *map(store.manifest, manifest.recipe.inputs.get("evaluations", ())))
-    drawn = _SHOWN.get(manifest.recipe.stage)
-    if manifest.finding or drawn is None:
+    found, drawn = _SHOWN.get(manifest.recipe.stage, ("", None))
+    if drawn is None or found not in manifest.summary:
         shown = ShownAnalysis(label, f"{manifest.finding or manifest.headline}.")
     else:
         shown = drawn(store, manifest, label)
+        if manifest.finding:
+            shown = replace(shown, sentence=f"{shown.sentence} Note: {manifest.finding}.")
     return replace(shown, seconds=sum(each.seconds for each in made))
 
 
@@ -139,8 +141,9 @@ def _share(rate: float | None) -> str:
     return "none" if rate is None else f"{rate:.0%}"
 
 
-_SHOWN: Mapping[str, Callable[[ArtifactStore, Manifest, str], ShownAnalysis]] = {
-    "sampling": _sampling,
-    "modes": _modes,
-    "monitor": _monitor,
+_SHOWN: Mapping[str, tuple[str, Callable[[ArtifactStore, Manifest, str], ShownAnalysis]]] = {
+    "sampling": ("distances", _sampling),
+    "modes": ("success_rate", _modes),
+    "monitor": ("auc", _monitor),
 }
+"""By the stage that made an analysis: a fact that is in its summary if it found anything, and how it is shown then."""

@@ -251,13 +251,14 @@ class ReportData:
         facts: Setting of the run in a few name-value pairs: preset, demonstrations, machine, version.
         findings: Sentences that a reader must not miss, e.g. why a model was not retrained.
         results: Rows of the comparison, in order.
-        paper: Average and best success rate by condition as the paper's Table VI has them; other
-            simulator and observations, so for orientation only.
+        paper: Average and best success rate by condition as the paper's Table VI has them, or the average alone as its
+            Table VII has it; other simulator and observations, so for orientation only.
         sections: What the conditions say together: tests, curves, statements that hold or not, cost.
         funnels: Milestones by condition.
         curves: Training runs.
         augmentations: Yield of each augmentation.
         estimators: Errors of each estimator whose estimates a policy acts on.
+        varied: PNGs of images as policies see them when they act, and as they were varied in training.
         analyses: What else is known of the policies.
         videos: A success, a typical failure.
         models: Every model with every episode of its evaluation.
@@ -271,12 +272,13 @@ class ReportData:
     facts: Mapping[str, str] = field(default_factory=dict)
     findings: tuple[str, ...] = ()
     results: tuple[ConditionResult, ...] = ()
-    paper: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    paper: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     sections: tuple[Section, ...] = ()
     funnels: tuple[Funnel, ...] = ()
     curves: tuple[TrainingCurve, ...] = ()
     augmentations: tuple[AugmentationYield, ...] = ()
     estimators: tuple[EstimatorErrors, ...] = ()
+    varied: tuple[bytes, ...] = ()
     analyses: tuple[ShownAnalysis, ...] = ()
     videos: tuple[EpisodeVideo, ...] = ()
     models: tuple[EvaluatedModel, ...] = ()

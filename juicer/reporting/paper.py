@@ -55,12 +55,18 @@ PAPER_TABLE_VII: Mapping[str, float] = {
     "spatial_softmax": 0.30,
     "dino": 0.55,
     "mae": 0.63,
-    "r3m18": 0.77,
-    "r3m34": 0.75,
-    "r3m50": 0.73,
+    "r3m_18": 0.77,
+    "r3m_34": 0.75,
+    "r3m_50": 0.73,
     "vip": 0.54,
 }
-"""Average success rate of BC on one_leg by encoder of images (paper, Table VII)."""
+"""Average success rate of BC on one_leg by encoder of images (paper, Table VII), which is the name of a condition."""
+
+
+def paper_figures(task: str) -> Mapping[str, tuple[float, ...]]:
+    """Success rates by name of the condition, as the paper's Tables VI (average, best) and VII (average) have them."""
+    encoders = {name: (average,) for name, average in PAPER_TABLE_VII.items()} if task == "one_leg" else {}
+    return {**encoders, **PAPER_TABLE_VI.get(task, {})}
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from juicer.artifacts.commit import CHANGED, UNKNOWN
 from juicer.artifacts.ref import ArtifactRef
 from juicer.evaluation import ConditionResult
 from juicer.reporting.content import EpisodeVideo, NextStep, Provenance, ReportData, ShownAnalysis
-from juicer.reporting.paper import PAPER_TABLE_VI
+from juicer.reporting.paper import paper_figures
 from juicer.reporting.section import Section
 from juicer.reporting.sources import Sources
 
@@ -28,6 +28,7 @@ def gather(
     findings: tuple[str, ...],
     sections: tuple[Section, ...] = (),
     videos: tuple[EpisodeVideo, ...] = (),
+    varied: tuple[bytes, ...] = (),
     analyses: tuple[ShownAnalysis, ...] = (),
     configuration: Mapping[str, Any] | None = None,
     links: Mapping[str, str] | None = None,
@@ -41,12 +42,13 @@ def gather(
         facts={**facts, **sources.facts()},
         findings=(*findings, *sources.problems),
         results=tuple(results),
-        paper={name: figures for name, figures in PAPER_TABLE_VI.get(task, {}).items() if name in sources.plain},
+        paper={name: figures for name, figures in paper_figures(task).items() if name in sources.plain},
         sections=sections,
         funnels=tuple(sources.funnels()),
         curves=curves,
         augmentations=tuple(sources.augmentations()),
         estimators=tuple(sources.estimators()),
+        varied=varied,
         analyses=analyses,
         videos=videos,
         models=tuple(sources.models()),

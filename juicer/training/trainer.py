@@ -5,11 +5,14 @@ from __future__ import annotations
 import copy
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from juicer.errors import ConfigError
@@ -111,6 +114,7 @@ def train(
     *,
     seed: int,
     estimators: Sequence[Path] = (),
+    unpack: Callable[[], Mapping[str, NDArray[Any]]] = dict,
     scratch: Path | None = None,
     device: str = "cpu",
     loaders: int | None = None,
@@ -124,15 +128,15 @@ def train(
     end with the same weights; only the first reports, validates, and saves states.
 
     Args:
-        sources: Episodes to imitate; all windows are equally likely, unless episodes have weights. Several are copied
-            into one, so those with more images than the memory holds must be one.
+        sources: Episodes to imitate, several copied into one; all windows are equally likely unless they have weights.
         policy: What the policy is made of.
         tasks: Assembly tasks that the episodes show.
         config: How to train.
         seed: Decides initial weights, split, order and noise.
         estimators: Folders of estimators, for encoders that need some.
-        scratch: Folder for the state of an unfinished training. If it holds one of the same data and settings,
-            training continues from it, bit for bit on a CPU.
+        unpack: Gives images of them, which the memory need not hold, once the network is known to be right.
+        scratch: Folder for the state of an unfinished training; one of the same data and settings goes on, bit for bit
+            on a CPU.
         device: Torch device; a fact about the machine, not part of what is trained.
         loaders: Processes that gather batches ahead; if None, some for a GPU and a policy that learns from images.
         weights: Where files of pretrained weights are looked for first.
@@ -150,10 +154,9 @@ def train(
     sides = cut_sides(episodes, policy.horizons, config, seed)
     use = measure_use(episodes, *sides)
     check_use(use, policy.horizons, config.windows.back_padding)
-    devices = [] if torch_device.type == "cpu" else [torch_device]
-    with compute_settings(config.threads, "medium"), torch.random.fork_rng(devices):
-        network = build_policy(policy, tasks, torch_seed(seed, "weights"))
-        pretrained = _fill(network, weights, estimators)
+    with compute_settings(config.threads, "medium"), _own_randomness(torch_device):
+        network, pretrained = _built(policy, tasks, seed, weights, estimators)
+        episodes = replace(episodes, observations={**episodes.observations, **unpack()})
         loop = _set_up(Imitation(episodes, sides, network, config, seed), torch_device, loaders, metrics)
         facts = loop.run(training_identity(episodes, _settings(policy, tasks, config, seed)), scratch, progress)
     return TrainedCheckpoint(
@@ -165,12 +168,19 @@ def train(
     )
 
 
-def _fill(network: PolicyNetwork, weights: Path, estimators: Sequence[Path]) -> tuple[Pretrained, ...]:
-    """Give a network all that it does not learn from nothing."""
+def _own_randomness(device: torch.device) -> AbstractContextManager[None]:
+    return torch.random.fork_rng([] if device.type == "cpu" else [device])
+
+
+def _built(
+    policy: PolicyConfig, tasks: Tasks, seed: int, weights: Path, estimators: Sequence[Path]
+) -> tuple[PolicyNetwork, tuple[Pretrained, ...]]:
+    """A network with all that it does not learn from nothing, and what it started from."""
+    network = build_policy(policy, tasks, torch_seed(seed, "weights"))
     pretrained = load_pretrained(network, weights)
     # Only now, as backbones of estimators start from files, too.
     network.encoders.take_estimators(estimators)
-    return pretrained
+    return network, pretrained
 
 
 def _started_from_poses(pretrained: Sequence[Pretrained]) -> bool:

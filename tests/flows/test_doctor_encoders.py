@@ -80,6 +80,8 @@ def test_the_command_prints_a_table_and_json(folder, resnet18, capsys):
     shown = capsys.readouterr().out
     assert all(row.title in shown for row in ROWS)
     assert f"vip: download it from {KNOWN['vip'].url} and save it as '{folder}/vip_resnet50.pt'" in shown
+    assert "r3m_18: get it by `load_r3m('resnet18')` of the package at https://github.com/facebookresearch/" in shown
+    assert f"'~/.r3m/r3m_18/model.pt', or as '{folder}/r3m_18.pt'" in shown
     assert call(["doctor", "--encoders", "--json"]) == 0
     content = json.loads(capsys.readouterr().out)
     assert content["folder"] == str(folder)

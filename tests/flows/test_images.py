@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections import Counter
 
 import PIL.Image
@@ -130,6 +131,8 @@ def test_a_study_says_of_every_result_what_its_policy_saw(drawing, study, tmp_pa
     assert "Seeing (images)" in page
     assert "no images; or images of cameras" in page
     figure = session.store.open(outcome.report) / f"{VARIED}.png"
+    embedded = base64.b64encode(figure.read_bytes()).decode()
+    assert f'<img src="data:image/png;base64,{embedded}"' in page.split('<section id="images">')[1]
     with PIL.Image.open(figure) as image:
         assert image.height > 4 * 160
     assert all(entry.exists for entry in plan(session.store, study))

@@ -170,7 +170,7 @@ def test_any_checkpoint_is_analysed_and_its_figure_written(data, first, tmp_path
 def test_a_checkpoint_is_measured_under_a_shift_from_the_command_line(data, first):
     checkpoint = first["models"][0]["checkpoint"]
     arguments = ("evaluate", checkpoint, "-n", "1", "--seed-start", "9", "--shift")
-    assert "0% of 1 episodes succeed with other friction (" in finish(juicer(data, *arguments, "friction"))[0]
+    assert "success 0% of 1 episodes, with other friction (" in finish(juicer(data, *arguments, "friction"))[0]
     ref = json.loads(finish(juicer(data, *arguments, "{kind: friction, factor: 0.7}", "--json"))[0])["evaluation"]
     assert ArtifactStore(data).manifest(ArtifactRef.parse(ref)).recipe.config["shift"]["factor"] == 0.7
     _, err = finish(juicer(data, *arguments, "pusch"), status=1)

@@ -53,6 +53,12 @@ def test_a_video_that_cannot_be_written_is_told_in_a_sentence(tmp_path: Path, na
     assert ".draft" not in str(caught.value)
 
 
+def test_what_is_wrong_with_an_image_is_not_blamed_on_the_file(tmp_path: Path):
+    with pytest.raises(ValueError, match="dtype `uint8` but got `float64`"):
+        write_video(tmp_path / "video.mp4", [np.zeros((120, 160, 3))])
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_strip_shows_images_side_by_side_and_no_draft_stays(tmp_path: Path):
     write_strip(tmp_path / "strip.png", [IMAGE] * 3)
     assert [path.name for path in tmp_path.iterdir()] == ["strip.png"]

@@ -30,6 +30,16 @@ def test_only_initial_states_that_both_started_from_are_compared():
     )
 
 
+def test_a_rate_and_a_comparison_say_what_policies_saw():
+    ours, theirs = evaluation("10"), replace(evaluation("11"), observes="images, poses in training")
+    assert str(theirs).endswith("(95 % interval 34.2% to 100.0%), from images, poses in training")
+    assert str(compare(replace(ours, observes="state"), theirs)).startswith(
+        "policy 10 (state) alone succeeded from 0 of 2 initial states, policy 11 (images, poses in training) alone from"
+    )
+    assert "policy 10 (what it saw is not known) alone" in str(compare(ours, theirs))
+    assert "images" not in str(compare(theirs, theirs))
+
+
 def test_a_limit_of_steps_is_compared_with_that_of_the_task():
     ours = evaluation("10")
     assert compare(ours, replace(ours, max_steps=1000)).p_value == 1

@@ -96,6 +96,13 @@ def test_samples_are_drawn_before_the_insertion_and_compared_with_those_of_the_m
     assert summary(learned, draw(learned, steps_before=0))["step"] == facts["step"] + 10
 
 
+def test_an_analysis_of_what_another_renderer_drew_is_shown_with_a_note(learned, monkeypatch):
+    monkeypatch.setattr("stages.sampling.renderer_facts", lambda *_: {"finding": "it saw images drawn by another"})
+    shown = shown_analysis(learned.store, draw(learned, seed=7), "")
+    assert shown.sentence.endswith(" Note: it saw images drawn by another.")
+    assert shown.png
+
+
 def test_a_critical_state_that_no_demonstration_has_is_a_finding(learned):
     ref = draw(learned, critical_state=5)
     assert "no demonstration has the critical state" in summary(learned, ref)["finding"]

@@ -2,30 +2,38 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
+import torch
+from safetensors.torch import save_file
 
+from juicer import api
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.demonstration.ingestion import IngestionConfig
 from juicer.demonstration.log import write_log
-from juicer.errors import ArtifactError, InvalidObservation
+from juicer.errors import ArtifactError, InvalidObservation, UnusableWeights
 from juicer.policy.checkpoint import load_policy
 from juicer.policy.config import PolicyConfig
 from juicer.policy.served import _load_pyfunc
 from juicer.rollout import rollout
 from juicer.storage.columns import ColumnReader, write_columns
 from juicer.storage.dataset import read_dataset
+from juicer.storage.episodes import EpisodeReader
 from juicer.storage.evaluations import read_evaluation
+from juicer.storage.selections import SelectionRow, write_selection
 from juicer.training.config import TrainingConfig
 from juicer.training.mixing import DatasetConfig
 from juicer.views import GazeCrop, View
+from stages.collect import CollectConfig, collect
 from stages.dataset import dataset
 from stages.evaluate import EvaluateConfig, evaluate
 from stages.ingest import ingest
+from stages.monitor import MonitorConfig, monitor
 from stages.render import RenderConfig, render
 from stages.runtime.execution import perform_here
 from stages.runtime.machine import Machine
@@ -115,13 +123,48 @@ def test_its_evaluation_says_what_it_saw(looking):
     assert len(read_evaluation(looking.store.open(evaluation))) == 3
 
 
-def test_what_another_renderer_drew_is_told(looking, monkeypatch):
-    monkeypatch.setattr("stages.evaluate.gl_name", lambda: "another")
-    config = EVALUATE.model_copy(update={"episodes": 1})
-    evaluation = evaluate(looking.session(), checkpoint=looking.checkpoint, config=config)
+def test_a_notebook_is_told_what_it_saw(looking):
+    evaluation = evaluate(looking.session(), checkpoint=looking.checkpoint, config=EVALUATE)
+    assert api.load_evaluation(looking.store, evaluation.id).observes == "images"
+    policy = api.load_policy(looking.store, looking.checkpoint.id)
+    assert str(api.evaluate(policy, "one_leg", episodes=1, max_steps=2)).endswith(", from images")
+
+
+@pytest.fixture
+def elsewhere(monkeypatch):
+    """A machine whose renderer is another one."""
+    monkeypatch.setattr("juicer.renderers.gl_name", lambda: "another")
+
+
+def told_of_another(looking):
     drawn_by = looking.summary(looking.checkpoint)["drawn_by"][0]
-    told = f"it acted on images drawn by another, and had learned from those of {drawn_by}"
-    assert looking.summary(evaluation)["finding"] == told
+    return f"it saw images drawn by another, and had learned from those of {drawn_by}"
+
+
+def test_what_another_renderer_drew_is_told_also_of_an_evaluation_that_began_there(looking, elsewhere, monkeypatch):
+    one, two = (EVALUATE.model_copy(update={"episodes": number, "anytime": True}) for number in (1, 2))
+    begun = evaluate(looking.session(), checkpoint=looking.checkpoint, config=one)
+    monkeypatch.undo()
+    whole = evaluate(looking.session(), checkpoint=looking.checkpoint, previous=begun, config=two)
+    assert {looking.summary(ref)["finding"] for ref in (begun, whole)} == {told_of_another(looking)}
+    own = looking.summary(looking.checkpoint)["drawn_by"]
+    assert [looking.summary(ref)["drawn_by"] for ref in (begun, whole)] == [["another"], sorted(["another", *own])]
+
+
+def test_what_another_renderer_drew_is_told_of_rollouts_and_of_a_monitor(looking, elsewhere):
+    scene = {"task": "one_leg", "randomness": "low", "max_steps": 12}
+    collected = collect(
+        looking.session(), checkpoint=looking.checkpoint, config=CollectConfig(**scene, successes=1, max_episodes=1)
+    )
+    assert looking.summary(collected)["finding"] == told_of_another(looking)
+    head = {"kind": "flow", "denoiser": {"kind": "mlp", "width": 32, "blocks": 1}}
+    policy = PolicyConfig.model_validate({**POLICY.model_dump(), "head": head})
+    drawing_samples = train(
+        looking.session(), dataset=looking.dataset, config=TrainConfig(policy=policy, training=TRAINING)
+    )
+    config = MonitorConfig(**scene, episodes=1, watched_samples=2)
+    watched = monitor(looking.session(), checkpoint=drawing_samples, config=config)
+    assert looking.summary(watched)["finding"].endswith(f"; {told_of_another(looking)}")
 
 
 def test_images_of_two_renderers_are_learned_from_and_told(looking):
@@ -138,12 +181,48 @@ def test_images_of_two_renderers_are_learned_from_and_told(looking):
     assert finding.startswith("some of its images were drawn by another and others by ")
 
 
+def test_it_is_retrained_on_the_images_of_the_rollouts_that_are_kept(looking):
+    session = looking.session()
+    config = CollectConfig(task="one_leg", randomness="low", successes=2, max_episodes=2, max_steps=12)
+    rollouts = collect(session, checkpoint=looking.checkpoint, config=config)
+    left, kept = EpisodeReader(looking.store.open(rollouts)).ids
+    with looking.store.create(Recipe("by hand", "selection", inputs={"episodes": (rollouts,)})) as chosen:
+        write_selection(chosen.path, [SelectionRow(left, False, "too long"), SelectionRow(kept, True, "")])
+    images = tuple(
+        render(session, episodes=rollouts, selections=(chosen.ref,), config=RenderConfig(view=view))
+        for view in POLICY.learned_views
+    )
+    mixed = dataset(
+        session,
+        episodes=(looking.demonstrations, rollouts),
+        selections=(chosen.ref,),
+        columns=(*looking.columns, *images),
+        config=DatasetConfig(),
+    )
+    retrained = looking.summary(train(session, dataset=mixed, config=TRAIN))
+    assert retrained["episodes"] == {"teleop": 2, "rollout": 1}
+    assert [looking.summary(ref)["images"] for ref in images] == [retrained["timesteps"]["rollout"]] * 2
+
+
 def test_a_dataset_without_the_images_of_a_view_is_refused(looking):
     less = dataset(
         looking.session(), episodes=(looking.demonstrations,), columns=looking.columns[:1], config=DatasetConfig()
     )
     with pytest.raises(ArtifactError, match=r"looks at wrist whole 32x24, and the dataset has no such images"):
         train(looking.session(), dataset=less, config=TRAIN)
+
+
+def test_weights_of_another_network_are_refused_before_images_are_unpacked(looking, tmp_path, monkeypatch):
+    save_file({"conv1.weight": torch.zeros(3)}, tmp_path / "mine.safetensors")
+    digest = hashlib.sha256((tmp_path / "mine.safetensors").read_bytes()).hexdigest()
+    weights = {"file": "mine.safetensors", "sha256": digest, "licence": "MIT"}
+    eyes = {"kind": "images", "views": {"gaze": GAZE, "wrist": WRIST}, "backbone": {**CNN, "weights": weights}}
+    observation = {"body": {"kind": "proprioception"}, "eyes": eyes}
+    policy = PolicyConfig.model_validate({**POLICY.model_dump(), "observation": observation})
+    monkeypatch.setattr("stages.train.unpack_images", lambda *_: pytest.fail("images were unpacked"))
+    session = Session(looking.store, perform_here, machine=Machine(weights=tmp_path))
+    with pytest.raises(UnusableWeights, match="holds the weights of another network"):
+        train(session, dataset=looking.dataset, config=TrainConfig(policy=policy, training=TRAINING))
 
 
 @pytest.mark.parametrize(

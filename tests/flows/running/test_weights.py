@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import pwd
+import sys
 from dataclasses import replace
 
 import pytest
 
+from benchmarks import paper_scale
 from flows.running.plan import plan, require_weights
 from flows.running.settings import Settings
 from flows.runs import load_runs
@@ -40,6 +42,17 @@ def planned(tmp_path, monkeypatch):
 def test_a_run_that_lacks_a_file_of_weights_is_refused_before_it_begins(planned, tmp_path):
     with pytest.raises(UnusableWeights, match=rf"'resnet18-f37072fd\.pth' are not on this machine.*'{tmp_path}/w/"):
         require_weights(planned, tmp_path / "w")
+
+
+def test_the_benchmark_at_the_papers_scale_is_refused_at_once_and_can_start_from_random_weights(monkeypatch, tmp_path):
+    monkeypatch.setenv("JUICER_WEIGHTS", str(tmp_path))
+    monkeypatch.setattr(sys, "argv", ["paper_scale", "--preset", "paper_image", "--device", "cpu"])
+    with pytest.raises(UnusableWeights, match=rf"not on this machine.*'{tmp_path}/"):
+        paper_scale.main()
+    random = "policies.diffusion.policy.observation.eyes.backbone.weights=null"
+    monkeypatch.setattr(sys, "argv", [*sys.argv, "--set", random])
+    chosen = paper_scale.configured(paper_scale.arguments())
+    require_weights(plan(ArtifactStore(tmp_path / "store"), chosen), tmp_path)
 
 
 def test_what_is_trained_already_needs_no_file(planned, tmp_path):

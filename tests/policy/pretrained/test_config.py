@@ -29,8 +29,9 @@ def test_a_name_stands_for_a_file_with_its_digest_and_licence():
         ("resnet18_imagnet", "weights: there are no weights of this name; did you mean 'resnet18_imagenet'"),
         (
             "r3m_18",
-            r"weights: nobody has published the digest of 'r3m_18\.pt': download it once from https://github.com/"
-            r"facebookresearch/r3m, see what `juicer doctor --encoders` says of it, and write weights: "
+            r"weights: nobody has published the digest of 'r3m_18\.pt': get it once by `load_r3m\('resnet18'\)` of "
+            r"the package at https://github.com/facebookresearch/r3m, see what `juicer doctor --encoders` says of it, "
+            r"and write weights: "
             r"{file: r3m_18\.pt, sha256: THAT, licence: MIT}",
         ),
         ({"file": "../x.pth", "sha256": "0" * 64, "licence": "MIT"}, r"weights\.file: must match"),
