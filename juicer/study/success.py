@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from juicer.evaluation import ConditionResult
 from juicer.reporting.comparison import by_observation
-from juicer.reporting.paper import PAPER_TABLE_VI, PAPER_TABLE_VII
+from juicer.reporting.paper import paper_figures
 from juicer.reporting.section import Section, Table
 from juicer.study.material import Measured, TaskStudy
 from juicer.study.statistics import Difference, differences, p_text, points
@@ -89,9 +89,7 @@ def _row(task: str, measured: Measured) -> tuple[str, ...]:
 
 
 def _of_paper(task: str, condition: str) -> str:
-    if figures := PAPER_TABLE_VI.get(task, {}).get(condition):
-        return " / ".join(map(percent, figures))
-    return percent(PAPER_TABLE_VII[condition]) if task == "one_leg" and condition in PAPER_TABLE_VII else "-"
+    return " / ".join(map(percent, paper_figures(task).get(condition, ()))) or "-"
 
 
 def _overview(studies: Sequence[TaskStudy]) -> Iterator[Table]:
