@@ -112,7 +112,7 @@ def _facts(found: dict[Measure, Watched], config: MonitorConfig) -> dict[str, ob
     alarms = chosen.alarms(config.false_alarm_rate)
     lead = median(alarms.leads) if alarms.leads else None
     each = {measure: one.separation(place) for measure, one in found.items()}
-    told = f", {alarms.found:.0%} of failures found" + ("" if lead is None else f", {lead:.0f} steps before their end")
+    told = f", {alarms.found:.0%} of failures found" + ("" if lead is None else f", {lead:.0f} steps early")
     return {
         **facts,
         "step": place * chosen.stride,

@@ -104,6 +104,15 @@ class Watched:
         successes = self.lengths[~self.failed]
         return (int(successes.min()) - 1) // self.stride if len(successes) else None
 
+    @property
+    def _decided(self) -> NDArray[np.int64]:
+        """``(E,)`` when a rollout was over, or half of those that succeed were; that it fails is plain then.
+
+        A failure may go on until the limit, long after a part was dropped: steps until then are no warning.
+        """
+        successes = self.lengths[~self.failed]
+        return np.minimum(self.lengths, int(np.median(successes))) if len(successes) else self.lengths
+
     def why_not_compared(self) -> str:
         """Why failures and successes cannot be compared before a success ends, as a clause; empty if they can be."""
         place = self.before_any_success
@@ -157,7 +166,7 @@ class Watched:
         return Alarms(
             false_alarms=float(raised[~self.failed].mean()) if (~self.failed).any() else None,
             found=float(raised[self.failed].mean()) if self.failed.any() else None,
-            leads=tuple(np.sort((self.lengths - steps)[raised & self.failed]).tolist()),
+            leads=tuple(np.sort((self._decided - steps)[raised & self.failed]).tolist()),
         )
 
 
@@ -212,7 +221,8 @@ class Alarms:
     Attributes:
         false_alarms: Share of successful rollouts with an alarm; None if there are none.
         found: Share of failing rollouts with an alarm; None if there are none.
-        leads: Steps from each of these alarms to the end of its rollout, sorted.
+        leads: Steps from each of these alarms to the end of its rollout, or to when half of the successes were over if
+            that is earlier; below zero where it was raised later. Sorted.
     """
 
     false_alarms: float | None

@@ -127,7 +127,10 @@ def _monitor(store: ArtifactStore, manifest: Manifest, label: str) -> ShownAnaly
         f"threshold that {config['false_alarm_rate']:.0%} of other successes exceed: in "
         f"{_share(alarms.false_alarms)} of successes, and in {_share(alarms.found)} of failures"
     )
-    lead = "" if facts["lead_steps"] is None else f", there {facts['lead_steps']:.0f} steps (median) before their end"
+    early = facts["lead_steps"]
+    lead = (
+        "" if early is None else f", there {early:.0f} steps (median) before they, or half of the successes, had ended"
+    )
     return ShownAnalysis(
         label,
         f"{sentence}{lead}.",

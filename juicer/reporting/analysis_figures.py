@@ -120,7 +120,7 @@ def monitor_figure(spread: Watched, name: str, headline_step: int | None, leads:
         spread: The measure along the rollouts.
         name: What it is called.
         headline_step: Step of the area under the curve that is told.
-        leads: Steps from alarms to the ends of failing rollouts.
+        leads: How many steps alarms in failing rollouts came before these ended, or half of the successes had ended.
     """
     with _own_style():
         figure = Figure(figsize=(13, 3.6), layout="constrained", dpi=DPI)
@@ -144,12 +144,12 @@ def monitor_figure(spread: Watched, name: str, headline_step: int | None, leads:
             axes.set_xlabel("step")
             axes.grid(alpha=0.3)
         if leads:
-            third.hist(leads, bins=20, range=(0, max(leads)), color=FAILURE)
+            third.hist(leads, bins=20, color=FAILURE)
         else:
             third.text(0.5, 0.5, "no alarm in a failure", ha="center", transform=third.transAxes)
         third.yaxis.set_major_locator(MaxNLocator(integer=True))
         third.set_ylim(bottom=0)
-        third.set_title("steps from alarm to the end of a failure")
+        third.set_title("steps by which alarms in failures came early")
         third.set_xlabel("steps")
         third.set_ylabel("rollouts")
         return _png(figure)
