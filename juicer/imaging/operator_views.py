@@ -81,7 +81,16 @@ class OperatorRenderer:
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
         self._site = self._model.site(END_EFFECTOR_SITE).id
 
-    def draw(self, qpos: Vector, view: OperatorView, width: int, height: int, *, shadows: bool = False) -> Image:
+    def draw(
+        self,
+        qpos: Vector,
+        view: OperatorView,
+        width: int,
+        height: int,
+        *,
+        shadows: bool = False,
+        lines: bool = True,
+    ) -> Image:
         """The image ``(height, width, 3)`` of a view.
 
         Args:
@@ -90,6 +99,7 @@ class OperatorRenderer:
             width: Pixels, at most :data:`juicer.views.MAX_WIDTH`.
             height: Pixels, at most :data:`juicer.views.MAX_HEIGHT`.
             shadows: Whether things cast shadows, which costs several times what the rest does.
+            lines: Whether the two lines are drawn.
         """
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self._model, self._data)
@@ -97,7 +107,8 @@ class OperatorRenderer:
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = shadows
         self._place(view)
         self._aim(view, width / height)
-        self._add_lines()
+        if lines:
+            self._add_lines()
         return self._pixels(width, height)
 
     def close(self) -> None:

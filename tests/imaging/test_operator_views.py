@@ -77,6 +77,15 @@ def test_the_line_straight_down_is_in_the_middle_of_the_view_from_the_side(
     np.testing.assert_allclose(columns, WIDTH / 2, atol=2)
 
 
+def test_lines_can_be_left_out(env: AssemblyEnv, operator: OperatorRenderer) -> None:
+    shown = [operator.draw(env.data.qpos, OperatorView.FRONT, 320, 240, lines=lines) for lines in (True, False)]
+    red = [(image[..., 0] > 200) & (image[..., 1:] < 60).all(axis=-1) for image in shown]
+    assert red[0].any()
+    assert not red[1].any()
+    different = (shown[0] != shown[1]).any(axis=-1)
+    assert 0 < different.mean() < 0.02
+
+
 def test_shadows_are_drawn_if_they_are_asked_for(env: AssemblyEnv, operator: OperatorRenderer) -> None:
     plain = operator.draw(env.data.qpos, OperatorView.FRONT, WIDTH, HEIGHT)
     shadowed = operator.draw(env.data.qpos, OperatorView.FRONT, WIDTH, HEIGHT, shadows=True)
