@@ -89,6 +89,12 @@ class Condition(StrictConfig):
     rounds: int | None = Field(
         default=None, gt=0, le=MOST_ROUNDS, description="how often it does; as the top level says if left out"
     )
+    retraining_steps: int | None = Field(
+        default=None,
+        gt=0,
+        le=10**9,
+        description="steps in which a retraining goes on from the model before; it starts from nothing if left out",
+    )
     state_noise: bool = Field(default=False, description="whether observed states are perturbed in training")
     replay: bool = Field(default=False, description="whether it plays demonstrations instead of learning from them")
     changes: dict[Annotated[str, Field(max_length=100)], Any] = Field(
@@ -128,6 +134,11 @@ class Condition(StrictConfig):
             raise ValueError("what replays trains nothing: leave out augment, collect, state_noise and joint_policy")
         if self.correct and not self.collect:
             raise ValueError("what is corrected are rollouts: add collect: true, or leave out correct")
+        if self.retraining_steps and (self.joint_policy or not self.collect):
+            raise ValueError(
+                "retraining_steps are those of a condition that collects, with models of its own for every task: add "
+                "collect: true and leave out joint_policy, or leave them out"
+            )
         if self.rounds and not self.collect:
             raise ValueError("rounds are those of a condition that collects: add collect: true, or leave them out")
         return self

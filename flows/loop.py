@@ -103,6 +103,7 @@ class _Data:
         corrective: Corrective episodes grown from these, if there are any.
         gained: What its predecessors have brought.
         findings: Why there is no more of it.
+        start: The model that its training goes on from; none if it starts from nothing.
     """
 
     loop: LoopConfig
@@ -111,6 +112,7 @@ class _Data:
     corrective: tuple[ArtifactRef, ...] = ()
     gained: _Gained = _Gained()
     findings: tuple[str, ...] = ()
+    start: ArtifactRef | None = None
 
     @property
     def learned(self) -> tuple[tuple[ArtifactRef, ...], ...]:
@@ -133,7 +135,8 @@ def run_model(session: Session, config: RunConfig, name: str, seed: int) -> Mode
     else:
         data = _gather(session, loop, condition, seed)
         session = data.session
-        checkpoint = _train(session, loop, loop.final_training(condition, seed), [data])
+        training = loop.training(condition, seed, goes_on=data.start is not None)
+        checkpoint = _train(session, loop, training, [data], data.start)
         findings = [*data.findings, *_findings(session, checkpoint)]
     evaluation = measure(session, checkpoint, loop.evaluation, config.evaluate.stop)
     findings += _findings(session, evaluation)
@@ -209,8 +212,14 @@ def _train_jointly(
     return checkpoint, [*findings, *_findings(session, checkpoint)]
 
 
-def _train(session: Session, config: LoopConfig, training: TrainConfig, gathered: Collection[_Data]) -> ArtifactRef:
-    """A model trained on all that was gathered, and on the images that it looks at."""
+def _train(
+    session: Session,
+    config: LoopConfig,
+    training: TrainConfig,
+    gathered: Collection[_Data],
+    start: ArtifactRef | None = None,
+) -> ArtifactRef:
+    """A model trained on all that was gathered, and on the images that it looks at; it may go on from another."""
     policy = training.policy
     fixed = [[(part, _estimators(data, part)) for part in policy.fixed_parts] for data in gathered]
     # Whole episodes first, then those of which a selection is kept; the split into families goes by this order.
@@ -226,7 +235,7 @@ def _train(session: Session, config: LoopConfig, training: TrainConfig, gathered
         config=config.dataset,
     )
     estimators = tuple(ref for own in fixed for _, refs in own for ref in refs)
-    return train(session, dataset=mixed, estimators=estimators, config=training)
+    return train(session, dataset=mixed, estimators=estimators, start=start, config=training)
 
 
 def _columns(
@@ -242,12 +251,12 @@ def _columns(
 
 def _gather(session: Session, config: LoopConfig, condition: Condition, seed: int) -> _Data:
     """Data of one task: demonstrations, corrective episodes, and what models trained on these achieve themselves."""
-    training = config.training(condition, seed)
     demonstrations = get_demonstrations(session, config)
     data = _data(session, config, demonstrations, config.augment if condition.augment else None)
     noted: tuple[str, ...] = ()
     for turn in range(1, config.turns(condition) + 1):
-        checkpoint = _train(data.session, config, training, [data])
+        training = config.training(condition, seed, goes_on=data.start is not None)
+        checkpoint = _train(data.session, config, training, [data], data.start)
         session = session.for_round(turn)
         rollouts = collect(session, checkpoint=checkpoint, config=config.collection(seed, turn))
         gained, findings = _gain(session, config, condition, data.gained, rollouts)
@@ -256,6 +265,7 @@ def _gather(session: Session, config: LoopConfig, condition: Condition, seed: in
             break
         augmentation = (config.augment_retraining or config.augment) if condition.augment else None
         data = _data(session, config, demonstrations, augmentation, gained)
+        data = replace(data, start=checkpoint if condition.retraining_steps else None)
     return replace(data, findings=(*data.findings, *noted))
 
 

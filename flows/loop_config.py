@@ -180,12 +180,15 @@ class LoopConfig(StrictConfig):
         known = {key: value for key, value in {**own, **scene}.items() if key in model.model_fields}
         return model(**{**known, **changes})
 
-    def training(self, condition: Condition, seed: int) -> TrainConfig:
-        """How a condition trains the model of a seed."""
+    def training(self, condition: Condition, seed: int, *, goes_on: bool = False) -> TrainConfig:
+        """How a condition trains the model of a seed, from nothing or going on from the model before."""
         config = self.policies[condition.policy]
         training = config.training
         if condition.state_noise:
             training = training.model_copy(update={"state_noise": self.state_noise})
+        if goes_on and (steps := condition.retraining_steps):
+            warmup_steps = min(training.warmup_steps, steps // 10)
+            training = training.model_copy(update={"steps": steps, "warmup_steps": warmup_steps})
         return config.model_copy(update={"training": training, "seed": config.seed + seed})
 
     def final_training(self, condition: Condition, seed: int) -> TrainConfig:

@@ -41,7 +41,7 @@ class TrainConfig(StrictConfig):
 
 @stage(
     kind="checkpoint",
-    inputs={"dataset": "dataset", "estimators": "estimator"},
+    inputs={"dataset": "dataset", "estimators": "estimator", "start": "checkpoint"},
     libraries=("numpy", "torch"),
     noun="steps",
     counts="steps",
@@ -49,12 +49,17 @@ class TrainConfig(StrictConfig):
     needs="devices",
 )
 def train(
-    context: StageContext, *, dataset: ArtifactRef, estimators: tuple[ArtifactRef, ...] = (), config: TrainConfig
+    context: StageContext,
+    *,
+    dataset: ArtifactRef,
+    estimators: tuple[ArtifactRef, ...] = (),
+    start: ArtifactRef | None = None,
+    config: TrainConfig,
 ) -> None:
     """Train a policy on the episodes of a dataset.
 
     If they show several tasks, it is one policy for all of them, which is told the task. Estimators are for policies
-    that estimate poses: one for each of their tasks.
+    that estimate poses: one for each of their tasks. With a checkpoint to start from, it goes on from its weights.
     """
     from juicer.policy.checkpoint import save_checkpoint  # torch takes seconds to import
     from juicer.policy.encoder import outline
@@ -79,6 +84,7 @@ def train(
         config.training,
         seed=config.seed,
         estimators=[context.store.open(each, "estimator") for each in estimators],
+        start=context.store.open(start, "checkpoint") if start else None,
         unpack=lambda: unpack_images(groups, encoders.training_images, images, context.progress),
         scratch=context.draft.scratch / "state",
         device=context.machine.device,

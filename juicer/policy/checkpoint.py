@@ -121,6 +121,26 @@ def load_checkpoint(folder: Path) -> Checkpoint:
     )
 
 
+def go_on_from(network: PolicyNetwork, folder: Path) -> None:
+    """Give a network the weights that act in a checkpoint, and its limits.
+
+    Raises:
+        ConfigError: If the checkpoint is of another policy, or of other tasks.
+        InvalidCheckpoint: See :func:`load_checkpoint`.
+    """
+    if (folder / REPLAY_FILE).exists():
+        raise ConfigError("a replay has no weights that a training could go on from")
+    checkpoint = load_checkpoint(folder)
+    known = checkpoint.metadata
+    if (known.policy, dict(known.tasks)) != (network.config, dict(network.tasks)):
+        raise ConfigError(
+            f"a training goes on only from the same policy for the same tasks, and that in '{folder.name}' is another: "
+            "give one that was trained with these settings of the policy, or none"
+        )
+    weights = checkpoint.ema if known.acting_weights == "ema" else checkpoint.weights
+    _fill(network, weights or {}, "the checkpoint")
+
+
 def load_policy(
     folder: Path,
     task: str,

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from juicer.errors import ConfigError
-from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetadata
+from juicer.policy.checkpoint import SCHEMA_VERSION, Checkpoint, CheckpointMetadata, go_on_from
 from juicer.policy.config import HorizonConfig, PolicyConfig
 from juicer.policy.encoder import Encoders
 from juicer.policy.network import PolicyNetwork, build_policy
@@ -79,6 +79,7 @@ class Imitation:
         network: What learns.
         config: How.
         seed: Decides order and noise.
+        goes_on: Whether the network has learned before, and has its limits from there.
     """
 
     episodes: TrainingEpisodes
@@ -86,9 +87,12 @@ class Imitation:
     network: PolicyNetwork
     config: TrainingConfig
     seed: int
+    goes_on: bool = False
 
     def window_sources(self, device: torch.device) -> WindowSources:
         """Make the windows of both sides of the split ready, and fit the network's normalisers to those to learn from.
+
+        A network that goes on keeps the limits that its weights mean.
 
         Raises:
             TrainingFailed: If a side of the split has no window.
@@ -100,7 +104,8 @@ class Imitation:
             if len(windows.episodes)
         ]
         torch.manual_seed(torch_seed(self.seed, "limits"))
-        tables[0].fit(self.config.state_noise)
+        if not self.goes_on:
+            tables[0].fit(self.config.state_noise)
         for table in tables:
             table.normalize()
         return WindowSources(learned=tables[0], held_out=tables[1] if len(tables) > 1 else None)
@@ -114,6 +119,7 @@ def train(
     *,
     seed: int,
     estimators: Sequence[Path] = (),
+    start: Path | None = None,
     unpack: Callable[[], Mapping[str, NDArray[Any]]] = dict,
     scratch: Path | None = None,
     device: str = "cpu",
@@ -134,6 +140,7 @@ def train(
         config: How to train.
         seed: Decides initial weights, split, order and noise.
         estimators: Folders of estimators, for encoders that need some.
+        start: Folder of a checkpoint of the same policy whose acting weights and limits it goes on from, if any.
         unpack: Gives images of them, which the memory need not hold, once the network is known to be right.
         scratch: Folder for the state of an unfinished training; one of the same data and settings goes on, bit for bit
             on a CPU.
@@ -155,10 +162,12 @@ def train(
     use = measure_use(episodes, *sides)
     check_use(use, policy.horizons, config.windows.back_padding)
     with compute_settings(config.threads, "medium"), _own_randomness(torch_device):
-        network, pretrained = _built(policy, tasks, seed, weights, estimators)
+        network, pretrained = _built(policy, tasks, seed, weights, estimators, start)
         episodes = replace(episodes, observations={**episodes.observations, **unpack()})
-        loop = _set_up(Imitation(episodes, sides, network, config, seed), torch_device, loaders, metrics)
-        facts = loop.run(training_identity(episodes, _settings(policy, tasks, config, seed)), scratch, progress)
+        imitation = Imitation(episodes, sides, network, config, seed, goes_on=start is not None)
+        loop = _set_up(imitation, torch_device, loaders, metrics)
+        settings = _settings(policy, tasks, config, seed) | ({"start": start.name} if start else {})
+        facts = loop.run(training_identity(episodes, settings), scratch, progress)
     return TrainedCheckpoint(
         checkpoint=_checkpoint(loop.learner, config.steps, pretrained),
         observes=_observes(network, pretrained),
@@ -173,11 +182,13 @@ def _own_randomness(device: torch.device) -> AbstractContextManager[None]:
 
 
 def _built(
-    policy: PolicyConfig, tasks: Tasks, seed: int, weights: Path, estimators: Sequence[Path]
+    policy: PolicyConfig, tasks: Tasks, seed: int, weights: Path, estimators: Sequence[Path], start: Path | None
 ) -> tuple[PolicyNetwork, tuple[Pretrained, ...]]:
     """A network with all that it does not learn from nothing, and what it started from."""
     network = build_policy(policy, tasks, torch_seed(seed, "weights"))
     pretrained = load_pretrained(network, weights)
+    if start:
+        go_on_from(network, start)
     # Only now, as backbones of estimators start from files, too.
     network.encoders.take_estimators(estimators)
     return network, pretrained

@@ -264,3 +264,27 @@ def test_weights_change_what_is_learned(policy_config, training_config, tasks, e
         weighed = dataclasses.replace(episodes(), weights=[1.0, 1.0, 1.0, 1.0, weight])
         train([weighed], policy_config, tasks, training_config, seed=3, metrics=metrics)
     assert curves[0].points != curves[1].points
+
+
+def test_a_training_goes_on_from_the_weights_that_act_and_their_limits(
+    episodes, tasks, policy_config, training_config, tmp_path
+):
+    first = train([episodes()], policy_config, tasks, training_config, seed=0)
+    save_checkpoint(tmp_path / "first", first.checkpoint)
+    # Of farther away: the limits of these alone would be others.
+    more = [episodes(), episodes(seed=9, family="own", source="rollout")]
+    few = training_config.model_copy(update={"steps": 1, "warmup_steps": 0, "learning_rate": 1e-9})
+    further = train(more, policy_config, tasks, few, seed=0, start=tmp_path / "first").checkpoint
+    known, start = further.weights, first.checkpoint.ema
+    assert known.keys() == start.keys()
+    for name, values in start.items():
+        torch.testing.assert_close(known[name], values, atol=1e-6, rtol=0)
+    anew = train(more, policy_config, tasks, few, seed=0).checkpoint
+    assert any(not torch.equal(anew.weights[name], values) for name, values in start.items() if "normalizer" in name)
+
+
+def test_a_training_goes_on_from_the_same_policy_only(episodes, tasks, policy_config, training_config, tmp_path):
+    save_checkpoint(tmp_path, train([episodes()], policy_config, tasks, training_config, seed=0).checkpoint)
+    other = policy_config.model_copy(update={"action_frame": "absolute"})
+    with pytest.raises(ConfigError, match="goes on only from the same policy for the same tasks"):
+        train([episodes()], other, tasks, training_config, seed=0, start=tmp_path)

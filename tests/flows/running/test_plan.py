@@ -8,7 +8,7 @@ import pytest
 
 from flows.config import CollectInferConfig, StudyConfig
 from flows.running.plan import calls_of, is_complete, missing_inputs, plan
-from flows.runs import load_runs
+from flows.runs import load_runs, parse_runs
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ConfigError
 
@@ -66,6 +66,22 @@ def test_collecting_begins_with_the_model_of_the_plain_condition(store):
     (collected,) = calls_of(planned, "collect")
     assert collected.call.recipe.parents == (trained["ta seed 0"],)
     assert set(trained) == {"ta seed 0", "ta_ci seed 0 round 1"}
+
+
+def test_retraining_goes_on_from_the_model_before_if_it_is_asked_to(store):
+    content = {
+        "flow": "study",
+        "seeds": [0],
+        "conditions": {"further": {"collect": True, "rounds": 2, "retraining_steps": 50}},
+    }
+    (config,) = parse_runs(content, "here")
+    first, second, third = (entry.call.recipe for entry in calls_of(plan(store, config), "train"))
+    assert "start" not in first.inputs
+    assert [recipe.inputs["start"] for recipe in (second, third)] == [(first.ref,), (second.ref,)]
+    assert [recipe.config["training"]["steps"] for recipe in (second, third)] == [50, 50]
+    assert second.config["training"]["warmup_steps"] == 5
+    with pytest.raises(ConfigError, match="retraining_steps are those of a condition that collects"):
+        parse_runs({**content, "conditions": {"bc": {"retraining_steps": 50}}}, "here")
 
 
 def test_retraining_is_training_with_more_references(store):
