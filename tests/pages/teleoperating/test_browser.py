@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import time
 
 import pytest
@@ -296,3 +297,61 @@ def test_an_image_is_shown_even_if_a_later_frame_without_it_is_here_first(tmp_pa
     with serving(tmp_path) as server:
         browser.open(server.teleop)
         assert browser.evaluate(OVERTAKEN) == [255, 255, 255, 255]
+
+
+SIMULATED_HIDRAW = """
+import os
+import time
+
+def enumerate():
+    return [{"vendor_id": 0x256F, "product_id": 0xC626, "usage_page": 1, "usage": 8, "path": b"simulated"}]
+
+class device:
+    def open_path(self, path):
+        self.read_so_far = 0
+
+    def read(self, max_length, timeout_ms):
+        end = time.monotonic() + timeout_ms / 1000
+        while time.monotonic() < end:
+            with open(os.environ["SIMULATED_REPORTS"], "rb") as reports:
+                reports.seek(self.read_so_far)
+                report = reports.read(7)
+            if len(report) == 7:
+                self.read_so_far += 7
+                return list(report)
+            time.sleep(0.01)
+        return []
+
+    def close(self):
+        pass
+"""
+"""The library as juicer uses it; a file stands for the device: reports are added to it, and it goes when unplugged."""
+
+PUSHED_AWAY = bytes([1, 0, 0, 0xA2, 0xFE, 0, 0])
+
+
+def test_a_spacemouse_drives_and_the_arm_stands_once_it_is_unplugged(tmp_path, browser):
+    (tmp_path / "library").mkdir()
+    (tmp_path / "library" / "hidraw.py").write_text(SIMULATED_HIDRAW)
+    reports = tmp_path / "reports"
+    reports.touch()
+    path = os.pathsep.join([str(tmp_path / "library"), os.environ.get("PYTHONPATH", "")])
+    with serving(tmp_path / "data", PYTHONPATH=path, SIMULATED_REPORTS=str(reports)) as server:
+        browser.open(server.teleop)
+        browser.until("document.querySelector('select[name=task]')?.options.length && 'going_on' in teleop.status")
+        browser.evaluate("document.querySelector('input[name=spacemouse]').click()")
+        browser.evaluate("document.querySelector('#begin button').click()")
+        browser.until("teleop.status.going_on && teleop.status.spacemouse && teleop.status.numbers")
+        with reports.open("ab") as file:
+            file.write(PUSHED_AWAY)
+        browser.until("teleop.status.acted > 5")
+        reports.unlink()
+        browser.until("!teleop.status.spacemouse")
+        assert "the SpaceMouse was unplugged; plug it in and choose it again" in str(shown(browser, "problem"))
+        browser.until("teleop.status.phase === 'paused' || teleop.status.phase === 'idle'")
+        acted = shown(browser, "acted")
+        time.sleep(1)
+        assert shown(browser, "acted") == acted
+        # The keys drive on.
+        browser.hold({"KeyW"}, set())
+        browser.until(f"teleop.status.acted > {acted}")
