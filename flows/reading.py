@@ -133,10 +133,11 @@ def _over_base(
         found, preset = preset, None
     if found is None:
         return written.over(Written({POLICIES_KEY: defaults()[POLICIES_KEY]}))
+    base = _from_file(found)
     above = (*above, found.resolve())
     if len(set(above)) < len(above):
         raise ConfigError(f"{place}: base leads back to '{_shown(found)}', which is laid over this file itself")
-    return written.without(BASE_KEY).over(_over_base(*_from_file(found), above, preset))
+    return written.without(BASE_KEY).over(_over_base(*base, above, preset))
 
 
 def _find_base(text: Any, folder: Path | None, origin: str) -> Path:

@@ -69,11 +69,11 @@ def test_values_say_where_they_come_from(capsys):
     assert lines["seeds"] == "<- --seed"
     assert lines["rounds"] == "<- --set"
     assert lines["randomness"] == "default"
-    assert lines["spacing"] == "<- presets/laptop.yaml:15"
+    assert lines["spacing"] == "<- presets/laptop.yaml:16"
 
 
 def test_for_machines_it_is_json(capsys):
     content = json.loads(printed(capsys, "demo", "--json"))
     assert content["configuration"]["policies"]["diffusion"]["training"]["steps"] == 8000
-    assert content["from"]["policies.diffusion.training.steps"] == "presets/laptop.yaml:17"
+    assert content["from"]["policies.diffusion.training.steps"] == "presets/laptop.yaml:18"
     assert content["from"]["rounds"] == "default"
