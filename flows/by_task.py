@@ -35,11 +35,11 @@ def told_of_tasks(written: Written) -> Written:
 
 def _check(written: Written) -> None:
     place = f"{written.place((BY_TASK_KEY,))}: {BY_TASK_KEY}"
-    own = written.values[BY_TASK_KEY]
-    if not isinstance(own, Mapping) or not all(isinstance(each, Mapping) for each in own.values()):
+    own = written.values[BY_TASK_KEY] or {}
+    if not isinstance(own, Mapping) or not all(isinstance(each, Mapping | None) for each in own.values()):
         raise ConfigError(f"{place} must map tasks to what is said of each")
     for task, said in own.items():
         if task not in TASK_NAMES:
             raise ConfigError(f"{place}: unknown task '{printable(task)}'{did_you_mean(task, TASK_NAMES)}")
-        if wrong := next((key for key in _OF_THE_RUN if key in said), None):
+        if wrong := next((key for key in _OF_THE_RUN if key in (said or {})), None):
             raise ConfigError(f"{place}.{task} must not have a '{wrong}' of its own")

@@ -85,8 +85,9 @@ class FlowConfig(LoopConfig):
         return whole.changed(condition.changes, origin, said_at)
 
     def shifts_of(self, name: str) -> Mapping[str, Shift]:
-        """The shifts under which a condition's models are measured as well."""
-        return self.loop(name).shifts if not self.shifted or name in self.shifted else {}
+        """The shifts under which a condition's models are measured as well; those that it names itself always count."""
+        is_asked = not self.shifted or name in self.shifted or "shifts" in self.method(name).changes
+        return self.loop(name).shifts if is_asked else {}
 
     @property
     @abstractmethod

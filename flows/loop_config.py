@@ -13,7 +13,7 @@ from pydantic import Field, field_validator, model_validator
 from flows.analyses import AnyAnalysis
 from flows.conditions import MOST_DEFINITIONS, MOST_ROUNDS, Condition, Name, defaults
 from flows.stopping import StoppableSection
-from flows.written import POLICIES_KEY, Written, settled
+from flows.written import DEFAULT_NAME, POLICIES_KEY, Written, settled
 from juicer.annotation.propose import AnnotationConfig
 from juicer.config import ConfigT, Place, StrictConfig, parse_config
 from juicer.demonstration.ingestion import IngestionConfig, IngestionSection
@@ -69,7 +69,7 @@ class LoopConfig(StrictConfig):
 
     renamed: ClassVar[Mapping[str, str]] = {"train": "'policies', as in policies.diffusion.training.steps"}
 
-    name: str = Field(default="juicer", max_length=100)
+    name: str = Field(default=DEFAULT_NAME, max_length=100)
     task: TaskName = "one_leg"
     randomness: Randomness = Randomness.LOW
     logs: Path | None = None

@@ -9,7 +9,18 @@ from typing import Any
 from flows.by_task import told_of_tasks
 from flows.conditions import defaults
 from flows.shipped import CONFIGS, PRESETS, find_configuration, find_preset, is_name, names, shipped_path
-from flows.written import ASSIGNED, BASE_KEY, NAME_KEY, POLICIES_KEY, Written, absolute_path, assignment, with_paths
+from flows.written import (
+    ASSIGNED,
+    BASE_KEY,
+    DEFAULT_NAME,
+    NAME_KEY,
+    POLICIES_KEY,
+    TASKS_KEY,
+    Written,
+    absolute_path,
+    assignment,
+    with_paths,
+)
 from juicer.config import read_document
 from juicer.errors import ConfigError
 from juicer.yaml_reading import Document, UnreadableYaml, check_plain, read_yaml
@@ -85,9 +96,12 @@ def _assigned(written: Written, folder: Path | None, assignments: Sequence[str],
 
 def _renamed(whole: Written, preset: str) -> Written:
     """The same with the preset in its name: with other networks, or other eyes, it is a study of its own."""
-    name = whole.values.get(NAME_KEY)
-    is_another = isinstance(name, str) and name != preset
-    return whole.replacing((NAME_KEY,), f"{name}_{preset}", ASSIGNED) if is_another else whole
+    named: list[tuple[str, ...]] = [(NAME_KEY,), *((TASKS_KEY, task, NAME_KEY) for task in whole.sections(TASKS_KEY))]
+    for keys in named:
+        name = whole.below(*keys[:-1]).values.get(NAME_KEY)
+        if isinstance(name, str) and name != f"{DEFAULT_NAME}_{preset}":
+            whole = whole.replacing(keys, f"{name}_{preset}", ASSIGNED)
+    return whole
 
 
 def _preset(base: Any) -> Path | None:
@@ -129,7 +143,7 @@ def _over_base(
     """
     place = written.place((BASE_KEY,)) or BASE_KEY
     found = _find_base(written.values[BASE_KEY], folder, place) if BASE_KEY in written.values else None
-    if preset and (found is None or found.is_relative_to(PRESETS)):
+    if preset and (found is None or found.resolve().is_relative_to(PRESETS.resolve())):
         found, preset = preset, None
     if found is None:
         return written.over(Written({POLICIES_KEY: defaults()[POLICIES_KEY]}))

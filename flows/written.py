@@ -14,6 +14,8 @@ from juicer.yaml_reading import MOST_DEPTH, Keys, UnreadableYaml, read_yaml
 
 BASE_KEY, NAME_KEY, TASKS_KEY, KIND_KEY, POLICIES_KEY = "base", "name", "tasks", "kind", "policies"
 CONDITIONS_KEY, CHANGES_KEY = "conditions", "changes"
+DEFAULT_NAME = "juicer"
+"""Name of a run that has no other; presets that are not the usual one add theirs."""
 BY_TASK_KEY = "by_task"
 """What a configuration says of a task whichever run is for it, such as how long a preset trains for the longer ones."""
 PATH_KEYS = ("logs", "labels")
@@ -48,8 +50,9 @@ class Written:
         result = Written(values, kept | dict(self.places))
         for task in below.sections(BY_TASK_KEY):
             lower = below.below(BY_TASK_KEY, task)
-            again = Written(_said_again(self.values, lower.values), self.places)
-            result = result.with_section((BY_TASK_KEY, task), self.below(BY_TASK_KEY, task).over(again.over(lower)))
+            again = {keys: place for keys, place in self.places.items() if _holds(lower.values, keys)}
+            lower = Written(_said_again(self.values, lower.values), {**lower.places, **again})
+            result = result.with_section((BY_TASK_KEY, task), self.below(BY_TASK_KEY, task).over(lower))
         return result
 
     def sections(self, key: str) -> Mapping[str, Any]:
@@ -76,7 +79,9 @@ class Written:
         result = Written(_replaced(self.values, keys, picked, place), {**kept, tuple(keys): place})
         for task, own in self.sections(BY_TASK_KEY).items():
             if _holds(own, keys):
-                result = result.replacing((BY_TASK_KEY, task, *keys), value, place)
+                nested = _said_again(_nested(keys, value), own)
+                section = Written(nested, {**result.below(BY_TASK_KEY, task).places, tuple(keys): place})
+                result = result.with_section((BY_TASK_KEY, task), section)
         return result
 
     def without(self, *left_out: str) -> Written:
@@ -238,16 +243,18 @@ def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> tuple[dict[str
     return merged, replaced
 
 
-def _said_again(above: Mapping[str, Any], below: Mapping[str, Any]) -> dict[str, Any]:
-    """What the upper one says at places where the lower one says something, too."""
-    both = {key: (above[key], old) for key, old in below.items() if key in above}
-    return {
-        key: _said_again(value, old) if isinstance(value, Mapping) and isinstance(old, Mapping) else value
-        for key, (value, old) in both.items()
-    }
+def _said_again(above: Any, below: Any) -> Any:
+    """What is said below, with what is said above at the same places; names in a list leave those that they pick."""
+    if not isinstance(below, Mapping):
+        return above
+    if isinstance(above, list) and all(isinstance(name, str) for name in above):
+        return {name: below[name] for name in above if name in below}
+    if not isinstance(above, Mapping):
+        return above
+    return {key: _said_again(above[key], old) if key in above else old for key, old in below.items()}
 
 
-def _holds(values: Any, keys: Sequence[str]) -> bool:
+def _holds(values: Any, keys: Sequence[str | int]) -> bool:
     """Whether something stands at nested keys."""
     for key in keys:
         if not isinstance(values, Mapping) or key not in values:

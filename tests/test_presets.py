@@ -55,8 +55,8 @@ def test_a_preset_on_images_differs_from_that_on_states_in_what_is_seen_alone(na
         assert preset.policy.model_copy(update={"observation": told.policies[policy].policy.observation}) == (
             told.policies[policy].policy
         )
-    assert (seeing.name, told.name) == (name, states)
-    assert seeing.model_copy(update={"policies": told.policies, "name": states}) == told
+    assert seeing.name == f"juicer_{name}"
+    assert seeing.model_copy(update={"policies": told.policies, "name": told.name}) == told
 
 
 def test_the_paper_policy_on_images_has_as_many_weights_as_the_original():

@@ -48,14 +48,18 @@ def full_content(written: Written, runs: list[RunConfig]) -> dict[str, Any]:
     of_one = ("conditions", "condition", "seed", "shifted")
     of_study = ("conditions", "seeds", "curves", "analysed_seed", "shifted")
     own = of_study if content[FLOW_KEY] == "study" else of_one
+    tasks = written.values.get(TASKS_KEY)
     of_flow = first.model_dump(mode="json", include=set(own))
+    if tasks:
+        # What one of several tasks says for itself stands there. Choosing seeds alone settles which is analysed.
+        settled = {key: value for key, value in of_flow.items() if key == "analysed_seed"}
+        of_flow = settled | dict(written.values)
     common = {key: value for key, value in written.values.items() if key in LoopConfig.model_fields}
     loop = parse_config(common, LoopConfig, "the configuration", written.place).model_dump(mode="json", exclude={"mix"})
-    tasks = written.values.get(TASKS_KEY)
     if tasks:
         loop = {key: value for key, value in loop.items() if key != "task"}
     content |= {key: loop.pop(key) for key in ("name", "task", "randomness") if key in loop}
-    loop = {key: of_flow[key] for key in own if of_flow[key] not in ({}, [], None)} | loop
+    loop = {key: of_flow[key] for key in own if of_flow.get(key) not in ({}, [], None)} | loop
     content |= {key: value for key, value in loop.items() if not isinstance(value, dict)}
     return content | loop | ({TASKS_KEY: tasks} if tasks else {})
 

@@ -62,24 +62,45 @@ def _known(store: ArtifactStore, runs: Sequence[RunConfig]) -> tuple[TaskStudy |
     from juicer.study.material import task_study
 
     models: dict[tuple[str, int], ModelOutcome] = {}
-    planned = 0
     for run in runs:
-        found, number = evaluated_models(store, run)
-        planned += number
-        for model in found:
-            known = models.setdefault((model.condition, model.seed), model)
-            if known.evaluation != model.evaluation:
+        for model in evaluated_models(store, run)[0]:
+            own = model if _is_alike(run, runs[0]) else _of(run, model)
+            known = models.setdefault((own.condition, own.seed), own)
+            if known.evaluation != own.evaluation:
                 raise ConfigError(
-                    f"condition {model.condition} of {run.name} is another one than that of {runs[0].name}; "
+                    f"condition {own.condition} of {run.name} is another one than that of {runs[0].name}; "
                     "write a page for each"
                 )
+            models[own.condition, own.seed] = replace(
+                known, shifted={**own.shifted, **known.shifted}, analyses={**own.analyses, **known.analyses}
+            )
+    planned = len({key for run in runs for key in run.models})
+    # Of two that are called alike, that of the configuration which is named first.
+    curves = {curve.name: curve for run in reversed(runs) for curve in run.drawn_curves}
     if not models:
         return None, 0, planned
     outcomes = list(models.values())
-    study = task_study(store, runs[0].task, *rows_of(outcomes), [curve for run in runs for curve in run.drawn_curves])
+    study = task_study(store, runs[0].task, *rows_of(outcomes), list(curves.values()))
     refs, rows = analyses_of(outcomes)
     analyses = tuple(zip(rows, shown_analyses(store, refs, rows), strict=True))
     return replace(study, analyses=analyses), len(outcomes), planned
+
+
+_OF_THE_DATA = (
+    "randomness", "logs", "labels", "record", "ingest", "annotate", "augment", "augment_retraining", "dataset",
+    "rounds", "collect", "select", "correct",
+)  # fmt: skip
+"""Sections that make conditions differ in more than their method and what they see."""
+
+
+def _is_alike(run: RunConfig, other: RunConfig) -> bool:
+    """Whether conditions that change nothing mean the same in two configurations, but for their networks."""
+    return all(getattr(run, name) == getattr(other, name) for name in _OF_THE_DATA)
+
+
+def _of(run: RunConfig, model: ModelOutcome) -> ModelOutcome:
+    """A model of a configuration that differs from the first: that is said of it as what a condition changes is."""
+    return replace(model, setting=", ".join(filter(None, (f"as in {run.name}", model.setting))))
 
 
 def _facts(choices: Sequence[Choice], runs: Sequence[RunConfig], studies: Sequence[TaskStudy]) -> dict[str, str]:

@@ -253,7 +253,7 @@ def write_report(session: Session, config: RunConfig, outcome: RunOutcome) -> Ar
 def _facts(config: RunConfig, outcome: RunOutcome, store: ArtifactStore) -> Mapping[str, str]:
     seen = dict.fromkeys(_SEEN.get(model.observes, model.observes) for model in outcome.models)
     loops = [config.loop(name) for name in config.chosen]
-    shifts = dict.fromkeys(_told(*entry) for loop in loops for entry in loop.shifts.items())
+    shifts = dict.fromkeys(_told(*entry) for name in config.chosen for entry in config.shifts_of(name).items())
     stop = config.evaluate.stop
     episodes = " or ".join(dict.fromkeys(str(loop.evaluate.episodes) for loop in loops))
     if stop:

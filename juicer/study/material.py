@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from juicer.artifacts.manifest import STATE, Manifest
+from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.config import canonical_json
@@ -103,12 +103,17 @@ class TaskStudy:
 
     @property
     def groups(self) -> dict[str, list[Measured]]:
-        """By what they see and change, conditions that differ in their method alone, and were evaluated alike."""
-        groups: dict[str, list[Measured]] = {}
+        """By what they change, conditions that differ in their method alone, and were evaluated alike."""
+        groups: dict[tuple[str, str], list[Measured]] = {}
         for each in self.measured.values():
-            seen = each.result.observes if each.result.observes != STATE else ""
-            groups.setdefault(", ".join(filter(None, (seen, each.setting))), []).append(each)
-        return {setting: group for setting, group in groups.items() if len({each.states for each in group}) == 1}
+            groups.setdefault((each.setting, each.states), []).append(each)
+        words: dict[str, list[Measured]] = {}
+        for (setting, _), group in groups.items():
+            told = setting
+            while told in words:
+                told = ", ".join(filter(None, (told, "other initial states")))
+            words[told] = group
+        return words
 
 
 def temperament_of(recording: Manifest) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from juicer.reporting.comparison import robustness_table, shift_names
+from juicer.reporting.comparison import by_observation, robustness_table, shift_names
 from juicer.reporting.section import Section, Table
 from juicer.study.material import TaskStudy
 from juicer.study.statistics import differences
@@ -30,10 +30,10 @@ def robustness_section(studies: Sequence[TaskStudy]) -> Section | None:
 def _tables(study: TaskStudy) -> Iterator[Table]:
     for setting, group in study.groups.items():
         results = [each.result for each in group]
-        columns, rows = robustness_table(results)
-        if not columns:
-            continue
-        yield Table(tuple(columns), tuple(map(tuple, rows)), f"{study.task}{under(setting)}")
+        for seen, alike in by_observation(results).items():
+            columns, rows = robustness_table(alike)
+            if columns:
+                yield Table(tuple(columns), tuple(map(tuple, rows)), f"{study.task}{under(seen)}{under(setting)}")
         for name in shift_names(results):
             shifted = [found for result in results if (found := result.shifted.get(name))]
             if tested := differences(shifted):

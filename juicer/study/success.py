@@ -66,13 +66,15 @@ def interval_text(interval: tuple[float, float]) -> str:
 
 def _rates(study: TaskStudy) -> Iterator[Table]:
     drawn = {name for curve in study.curves for name in curve.points}
+    columns = ("condition", "average", "95% interval", "best", "models", "episodes", "paper, average / best")
     for setting, group in study.groups.items():
         # A point of a curve that stands alone is told there.
-        if len(group) > 1 or group[0].result.condition not in drawn:
-            columns = ("condition", "average", "95% interval", "best", "models", "episodes", "paper, average / best")
-            rows = tuple(_row(study.task, each) for each in group)
+        if len(group) == 1 and group[0].result.condition in drawn:
+            continue
+        for seen, results in by_observation([each.result for each in group]).items():
+            rows = tuple(_row(study.task, study.measured[result.condition]) for result in results)
             base = "" if group[0].setting else study.base
-            yield Table(columns, rows, f"{study.task}{under(setting)}", base)
+            yield Table(columns, rows, f"{study.task}{under(seen)}{under(setting)}", base)
 
 
 def _row(task: str, measured: Measured) -> tuple[str, ...]:

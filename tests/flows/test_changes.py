@@ -263,6 +263,10 @@ def test_only_chosen_conditions_are_measured_under_shifts(sweep, tmp_path):
     (config,) = load_runs(sweep, ["shifts.shoved={kind: push}", "shifted=[bc]"])
     labels = [each.label for each in calls_of(plan(ArtifactStore(tmp_path / "data"), config), "evaluate")]
     assert [label for label in labels if "shoved" in label] == ["bc seed 0 under shoved"]
+    own = "conditions.longer.changes={shifts: {dropped: {kind: friction}}}"
+    (config,) = load_runs(sweep, ["shifts.shoved={kind: push}", "shifted=[bc]", own])
+    assert list(config.shifts_of("longer")) == ["shoved", "dropped"]
+    assert not config.shifts_of("same")
     with pytest.raises(ConfigError, match="shifted: there is no condition 'bcc'; did you mean 'bc'"):
         load_runs(sweep, ["shifted=[bcc]"])
 

@@ -161,7 +161,7 @@ def test_a_policy_has_what_its_base_has_and_knows_where_that_was_written(tmp_pat
     assert wide.policy == narrow.policy
     assert (wide.training.steps, wide.training.batch_size) == (9000, narrow.training.batch_size)
     written = Choice.of(str(path), None, None, None, None).written()
-    assert written.place(("policies", "wide", "training", "batch_size")) == "presets/laptop.yaml:19"
+    assert written.place(("policies", "wide", "training", "batch_size")) == "presets/laptop.yaml:18"
     assert written.place(("policies", "wide", "training", "steps")).endswith("run.yaml:2")
 
 

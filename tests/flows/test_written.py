@@ -205,7 +205,7 @@ def test_a_base_can_be_assigned(tmp_path, monkeypatch):
     path = write(tmp_path / "run.yaml", "base: laptop\nrecord: {seed: 2}\n")
     (run,) = load_runs(path, ["base=laptop_image", "rounds=2"])
     assert run.policies["diffusion"].policy.observation["state"].kind == "estimated"
-    assert (run.record.seed, run.rounds, run.name) == (2, 2, "laptop_image")
+    assert (run.record.seed, run.rounds, run.name) == (2, 2, "juicer_laptop_image")
     monkeypatch.chdir(tmp_path / "own")
     (run,) = load_runs(path, ["base=small.yaml"])
     assert run.rounds == 3
@@ -275,6 +275,11 @@ def test_a_configuration_with_another_preset_is_a_study_of_its_own(tmp_path):
     assert load_runs(path)[0].name == "mine"
     assert load_runs(path, ["base=laptop_image"])[0].name == "mine_laptop_image"
     assert load_runs(path, ["base=laptop_image", "name=seen"])[0].name == "seen"
+    path = write(tmp_path / "tasks.yaml", "base: laptop\ntasks: {lamp: {name: ours}, one_leg: {}}\n")
+    assert [run.name for run in load_runs(path, ["base=laptop_image"])] == [
+        "ours_laptop_image",
+        "juicer_laptop_image_one_leg",
+    ]
     runs = load_runs("paper_study", ["base=laptop_image"])
     assert runs[0].name == "paper_study_laptop_image_one_leg"
 
@@ -301,3 +306,23 @@ def test_every_configuration_runs_with_every_preset(name, preset):
 def said_of(name):
     """Policies of which a configuration says something itself."""
     return yaml.safe_load((CONFIGS / f"{name}.yaml").read_text()).get("policies", {})
+
+
+def test_a_preset_is_replaced_however_its_path_is_written(tmp_path):
+    (tmp_path / "link").symlink_to(PRESETS)
+    path = write(tmp_path / "run.yaml", "base: link/laptop.yaml\nname: mine\n")
+    (run,) = load_runs(path, ["base=paper"])
+    assert (run.name, run.policies["diffusion"].training.steps) == ("mine_paper", 160000)
+
+
+def test_names_in_a_list_pick_from_what_is_said_by_task_as_well(tmp_path):
+    path = write(tmp_path / "run.yaml", "base: laptop\ntask: lamp\npolicies: [diffusion, multitask]\n")
+    for (run,) in (load_runs(path), load_runs("demo", ["task=lamp", "policies=[diffusion, multitask]"])):
+        assert list(run.policies) == ["diffusion", "multitask"]
+        assert run.policies["diffusion"].training.steps == 16000
+
+
+def test_what_is_said_by_task_can_be_left_out():
+    for nothing in ("by_task=null", "by_task.lamp=null", "by_task={}"):
+        (run,) = load_runs("demo", ["task=lamp", nothing])
+        assert run.policies["diffusion"].training.steps == 8000

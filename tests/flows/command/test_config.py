@@ -9,6 +9,7 @@ import pytest
 from flows.command.choice import Choice
 from flows.command.cli import call
 from flows.runs import load_runs
+from flows.shipped import CONFIGS, names
 
 
 def printed(capsys, *arguments):
@@ -69,11 +70,18 @@ def test_values_say_where_they_come_from(capsys):
     assert lines["seeds"] == "<- --seed"
     assert lines["rounds"] == "<- --set"
     assert lines["randomness"] == "default"
-    assert lines["spacing"] == "<- presets/laptop.yaml:16"
+    assert lines["spacing"] == "<- presets/laptop.yaml:15"
 
 
 def test_for_machines_it_is_json(capsys):
     content = json.loads(printed(capsys, "demo", "--json"))
     assert content["configuration"]["policies"]["diffusion"]["training"]["steps"] == 8000
-    assert content["from"]["policies.diffusion.training.steps"] == "presets/laptop.yaml:18"
+    assert content["from"]["policies.diffusion.training.steps"] == "presets/laptop.yaml:17"
     assert content["from"]["rounds"] == "default"
+
+
+@pytest.mark.parametrize("name", names(CONFIGS))
+def test_every_configuration_is_the_same_again_when_it_is_run_from_its_own_output(name, capsys, tmp_path):
+    path = tmp_path / "again.yaml"
+    path.write_text(printed(capsys, name))
+    assert load_runs(path) == load_runs(name)
