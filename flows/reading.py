@@ -143,7 +143,7 @@ def _over_base(
     """
     place = written.place((BASE_KEY,)) or BASE_KEY
     found = _find_base(written.values[BASE_KEY], folder, place) if BASE_KEY in written.values else None
-    if preset and (found is None or found.resolve().is_relative_to(PRESETS.resolve())):
+    if preset and (found is None or _is_preset(found)):
         found, preset = preset, None
     if found is None:
         return written.over(Written({POLICIES_KEY: defaults()[POLICIES_KEY]}))
@@ -152,6 +152,14 @@ def _over_base(
     if len(set(above)) < len(above):
         raise ConfigError(f"{place}: base leads back to '{_shown(found)}', which is laid over this file itself")
     return written.without(BASE_KEY).over(_over_base(*base, above, preset))
+
+
+def _is_preset(path: Path) -> bool:
+    """Whether a path, however it is written, is that of a preset."""
+    try:
+        return path.resolve().is_relative_to(PRESETS.resolve())
+    except (OSError, RuntimeError, ValueError):  # told where the file is read
+        return False
 
 
 def _find_base(text: Any, folder: Path | None, origin: str) -> Path:

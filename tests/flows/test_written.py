@@ -215,6 +215,14 @@ def test_a_base_can_be_assigned(tmp_path, monkeypatch):
         load_runs(path, ["base=3"])
 
 
+@pytest.mark.parametrize("base", ["./\\uD800", "./loop.yaml"])
+def test_a_base_that_cannot_be_read_is_told_with_another_preset_too(tmp_path, base):
+    (tmp_path / "loop.yaml").symlink_to(tmp_path / "loop.yaml")
+    path = write(tmp_path / "run.yaml", f'base: "{base}"\n')
+    with pytest.raises(ConfigError):
+        load_runs(path, ["base=laptop"])
+
+
 def test_names_in_a_list_pick_from_the_section_below(tmp_path):
     path = write(tmp_path / "run.yaml", "tasks: {lamp: {rounds: 3}, one_leg: {rounds: 2}}\n")
     (run,) = load_runs(path, ["tasks=[lamp]"])
