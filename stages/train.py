@@ -12,7 +12,7 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.config import Seed, StrictConfig
 from juicer.errors import ConfigError
-from juicer.policy.config import PolicyConfig
+from juicer.policy.config import FeatureSpec, PolicyConfig
 from juicer.policy.feature_spec import feature_spec
 from juicer.storage.columns import DRAWN_BY
 from juicer.storage.curves import CurveWriter
@@ -67,9 +67,7 @@ def train(
     from juicer.training.trainer import train as train_policy
 
     rows = read_dataset(context.store.open(dataset, "dataset"))
-    shown = {row.task for row in rows}
-    # In the order of the registry, which gives tasks their numbers; one that is not there is refused.
-    tasks = {name: feature_spec(name) for name in sorted(shown, key=[*TASK_NAMES, *shown].index)}
+    tasks = _tasks_of(rows)
     encoders = outline(config.policy, tasks)
     names = [spec.name for spec in encoders.training_numbers]
     groups = [Chosen(_open(context.store, group), group) for group in grouped(rows)]
@@ -104,13 +102,22 @@ def train(
         **_sizes(trained.use),
         **trained.facts,
     }
-    seen = (dataset, *estimators) if encoders.sees_images else ()
-    drawn_by = sorted({each for ref in seen for each in context.store.manifest(ref).summary.get(DRAWN_BY, [])})
+    drawn_by = _drawn_by(context.store, (dataset, *estimators) if encoders.sees_images else ())
     if drawn_by:
         context.draft.summary[DRAWN_BY] = drawn_by
     findings = [*trained.losses, *_mixture(drawn_by)]
     if findings:
         context.draft.summary[FINDING] = "; ".join(findings)
+
+
+def _tasks_of(rows: Sequence[DatasetRow]) -> dict[str, FeatureSpec]:
+    """What a policy must know of each task, in the order of the registry, which gives tasks their numbers.
+
+    Raises:
+        ConfigError: If there is no such task.
+    """
+    shown = {row.task for row in rows}
+    return {name: feature_spec(name) for name in sorted(shown, key=[*TASK_NAMES, *shown].index)}
 
 
 def _open(store: ArtifactStore, rows: Sequence[DatasetRow]) -> EpisodeReader:
@@ -131,6 +138,11 @@ def _require_own_estimates(store: ArtifactStore, rows: Sequence[DatasetRow], est
                 f"{ref} holds what {other} reads off images, and the policy is not given that estimator to act with; "
                 "give it, or make the columns again by the stage 'encode' with the estimators that are given"
             )
+
+
+def _drawn_by(store: ArtifactStore, seen: Sequence[ArtifactRef]) -> list[str]:
+    """What drew the images behind some artifacts, in the words of OpenGL platforms."""
+    return sorted({each for ref in seen for each in store.manifest(ref).summary.get(DRAWN_BY, [])})
 
 
 def _mixture(drawn_by: Sequence[str]) -> list[str]:

@@ -130,8 +130,7 @@ def train(
 ) -> TrainedCheckpoint:
     """Train a policy by imitation.
 
-    In a process that belongs to torch's default process group, it takes its part of every batch, and all of them
-    end with the same weights; only the first reports, validates, and saves states.
+    Processes of torch's default group each take a part of every batch and end with the same weights; the first reports.
 
     Args:
         sources: Episodes to imitate, several copied into one; all windows are equally likely unless they have weights.
@@ -142,8 +141,7 @@ def train(
         estimators: Folders of estimators, for encoders that need some.
         start: Folder of a checkpoint of the same policy whose acting weights and limits it goes on from, if any.
         unpack: Gives images of them, which the memory need not hold, once the network is known to be right.
-        scratch: Folder for the state of an unfinished training; one of the same data and settings goes on, bit for bit
-            on a CPU.
+        scratch: Folder for the state of an unfinished training; one of the same goes on, bit for bit on a CPU.
         device: Torch device; a fact about the machine, not part of what is trained.
         loaders: Processes that gather batches ahead; if None, some for a GPU and a policy that learns from images.
         weights: Where files of pretrained weights are looked for first.
@@ -151,7 +149,7 @@ def train(
         metrics: Called with loss, learning rate and validation.
 
     Raises:
-        ConfigError: If settings contradict each other, or there is no such device.
+        ConfigError: If settings contradict each other, there is no such device, or the start is of another policy.
         TrainingFailed: If there is too little data, or windows leave out most of it, or the loss is no longer a number.
         UnusableWeights: If the policy is to start from pretrained weights and their file is missing or another one.
     """
@@ -164,14 +162,12 @@ def train(
     with compute_settings(config.threads, "medium"), _own_randomness(torch_device):
         network, pretrained = _built(policy, tasks, seed, weights, estimators, start)
         episodes = replace(episodes, observations={**episodes.observations, **unpack()})
-        imitation = Imitation(episodes, sides, network, config, seed, goes_on=start is not None)
-        loop = _set_up(imitation, torch_device, loaders, metrics)
-        settings = _settings(policy, tasks, config, seed) | ({"start": start.name} if start else {})
-        facts = loop.run(training_identity(episodes, settings), scratch, progress)
+        loop = _set_up(Imitation(episodes, sides, network, config, seed, bool(start)), torch_device, loaders, metrics)
+        facts = loop.run(training_identity(episodes, _settings(policy, tasks, config, seed, start)), scratch, progress)
     return TrainedCheckpoint(
         checkpoint=_checkpoint(loop.learner, config.steps, pretrained),
         observes=_observes(network, pretrained),
-        facts={"device": torch_device.type, **_known_before(loop.learner, pretrained), **facts},
+        facts=_known_before(loop.learner, torch_device, pretrained) | dict(facts),
         use=use,
         losses=tuple(notable_losses(use, policy.horizons, config.windows.back_padding)),
     )
@@ -203,9 +199,9 @@ def _observes(network: PolicyNetwork, pretrained: Sequence[Pretrained]) -> str:
     return f"{account}, started from pose supervision" if _started_from_poses(pretrained) else account
 
 
-def _known_before(learner: Learner, pretrained: Sequence[Pretrained]) -> dict[str, str]:
-    """Its arithmetic, and where its weights came from and what may be done with them."""
-    facts: dict[str, str] = {"precision": learner.precision}
+def _known_before(learner: Learner, device: torch.device, pretrained: Sequence[Pretrained]) -> dict[str, float | str]:
+    """Its device and arithmetic, and where its weights came from and what may be done with them."""
+    facts: dict[str, float | str] = {"device": device.type, "precision": learner.precision}
     if pretrained:
         facts["pretrained"] = ", ".join(f"{weights.file} ({weights.licence})" for weights, _ in pretrained)
     return facts
@@ -348,9 +344,12 @@ def _check_noise(policy: PolicyConfig, config: TrainingConfig) -> None:
         )
 
 
-def _settings(policy: PolicyConfig, tasks: Tasks, config: TrainingConfig, seed: int) -> dict[str, object]:
+def _settings(
+    policy: PolicyConfig, tasks: Tasks, config: TrainingConfig, seed: int, start: Path | None
+) -> dict[str, object]:
     sections = {"policy": policy, "training": config, **{f"task {name}": spec for name, spec in tasks.items()}}
-    return {"seed": seed, **{name: section.model_dump(mode="json") for name, section in sections.items()}}
+    told = {"seed": seed, **{name: section.model_dump(mode="json") for name, section in sections.items()}}
+    return told | ({"start": start.name} if start else {})
 
 
 def _on_cpu(network: PolicyNetwork) -> dict[str, Tensor]:
