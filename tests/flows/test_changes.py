@@ -253,8 +253,10 @@ def test_several_configurations_share_a_page(finished, tmp_path, monkeypatch, ca
     text = page.read_text()
     assert f"| made again by | juicer run {folder}" in text.replace("\\_", "_")
     assert all(f"| {title} |" in text for title in ("BC", "Another", "BC, longer"))
-    write(tmp_path / "other.yaml", SWEEP.replace("episodes: 2,", "episodes: 3,"))
-    assert call(["run", str(tmp_path / "other.yaml"), "--condition", "bc"]) == 0
+    (config,) = load_runs(write(tmp_path / "other.yaml", SWEEP.replace("episodes: 2,", "episodes: 3,")))
+    execute(
+        Session(ArtifactStore(folder / "data" / "store"), performer=perform_here), config.narrowed(["bc"], []), None
+    )
     assert call(arguments) == 1
     assert "condition bc of sweep is another one than that of sweep; write a page for each" in capsys.readouterr().err
 
