@@ -282,6 +282,7 @@ def _check_run(config: FlowConfig, place: Place) -> None:
         ConfigError: If what a condition changes is not valid.
     """
     largest: float = math.inf
+    _check_known(config, "shifted", config.shifted)
     for name in config.chosen:
         condition, loop = config.method(name), config.loop(name, place)
         if condition.joint_policy and len(config.mix) < 2:
@@ -296,7 +297,6 @@ def _check_run(config: FlowConfig, place: Place) -> None:
         for each in loops:
             _check_states(each, where)
         _check_analyses(config, name, loop, where)
-        _check_known(config, "shifted", config.shifted)
         if condition.collect:
             largest = min(largest, *(each.largest_seed(condition) for each in loops), math.inf)
     seed = max(seed for _, seed in config.models)

@@ -76,20 +76,21 @@ class TaskStudy:
         plain = [each for measured in self.measured.values() if not measured.setting for each in measured.evaluations]
         if not plain:
             return ""
+        behind = self.sources.behind([each.ref for each in plain])
         sizes = dict.fromkeys(
             f"{each.summary['episodes']} demonstrations"
-            for each in self.sources.behind([each.ref for each in plain])
+            for each in behind
             if each.recipe.stage == "ingest" and each.recipe.config["task"] == self.task
         )
-        sizes |= dict.fromkeys(
+        operators = dict.fromkeys(
             f"recorded by a {each.summary['device']}{temperament}"
-            for each in self.sources.behind([each.ref for each in plain])
+            for each in behind
             if each.recipe.stage == "record" and (temperament := temperament_of(each))
         )
         levels = dict.fromkeys(
             f"randomness {level}" for each in plain if (level := each.recipe.config.get("randomness"))
         )
-        return ", ".join((*sizes, *levels))
+        return ", ".join((*sizes, *operators, *levels))
 
     @property
     def behind(self) -> list[Manifest]:
