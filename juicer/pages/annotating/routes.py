@@ -116,9 +116,9 @@ def mark(workplace: TheWorkplace, name: str, said: Marks) -> Response:
 
 @router.post("/{name}/undo")
 def undo(workplace: TheWorkplace, name: str, what: Undo) -> Response:
-    """Save that a mark is taken back."""
+    """Save that marks are taken back, all or none; gives what stands now, also if nothing was saved."""
     _, desk = desk_of(workplace, name)
-    return _saved(desk, [what], lambda: take_back(desk, what))
+    return _saved(desk, what.marks, lambda: take_back(desk, what))
 
 
 def _saved(desk: Desk, about: Sequence[Judged], do: Callable[[], object]) -> Response:

@@ -7,10 +7,8 @@ from datetime import datetime
 from pydantic import Field
 
 from juicer import __version__
-from juicer.annotation.standing import standing
 from juicer.annotation.versions import PAGE, Author, Entry, Version, read_versions, save
 from juicer.config import StrictConfig
-from juicer.errors import AnnotationConflict
 from juicer.pages.annotating.desk import Desk
 
 TOOL = f"juicer {__version__}, {PAGE}"
@@ -41,10 +39,17 @@ class Marks(StrictConfig):
     marks: list[Mark] = Field(min_length=1, max_length=MOST_MARKS)
 
 
-class Undo(Judged):
-    """Takes back what somebody said last of a critical state."""
+class TakenBack(Judged):
+    """A version that its author takes back."""
+
+    undoes: int = Field(gt=0)
+
+
+class Undo(StrictConfig):
+    """Versions that are taken back together, all or none."""
 
     author: Author
+    marks: list[TakenBack] = Field(min_length=1, max_length=MOST_MARKS)
 
 
 def say(desk: Desk, said: Marks) -> list[Version]:
@@ -61,26 +66,30 @@ def say(desk: Desk, said: Marks) -> list[Version]:
 
 
 def take_back(desk: Desk, undo: Undo) -> list[Version]:
-    """Save that somebody takes back what they said last.
+    """Save that somebody takes back what they said; of what is taken back already, nothing more is saved.
 
     Raises:
-        AnnotationConflict: If there is a newer version than its author had seen, or nothing of theirs stands.
+        AnnotationConflict: If there is a newer version of one than its author had seen.
         AnnotationsNotSaved: If the disk refuses.
-        InvalidLabels: If the file of versions cannot be understood.
+        InvalidLabels: If one is not a mark of this author, or the file of versions cannot be understood.
     """
-    stand = standing(read_versions(desk.path)).get((undo.episode, undo.critical_state))
-    own = [version for version in stand.opinions if version.author == undo.author] if stand else []
-    if not own:
-        raise AnnotationConflict(f"nothing that {undo.author} said of it stands, so there is nothing to undo")
-    entry = Entry(
-        **undo.model_dump(exclude={"seconds"}),
-        seconds=round(undo.seconds, 2),
-        step=None,
-        undoes=own[0].version,
-        tool=TOOL,
-        time=_now(),
+    # The answer to an earlier attempt may have been lost.
+    done = {version.undoes for version in read_versions(desk.path)}
+    return save(
+        desk.path,
+        [
+            Entry(
+                **mark.model_dump(exclude={"seconds"}),
+                step=None,
+                seconds=round(mark.seconds, 2),
+                author=undo.author,
+                tool=TOOL,
+                time=_now(),
+            )
+            for mark in undo.marks
+            if mark.undoes not in done
+        ],
     )
-    return save(desk.path, [entry])
 
 
 def _entry(desk: Desk, author: str, mark: Mark) -> Entry:

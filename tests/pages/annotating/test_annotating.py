@@ -349,3 +349,78 @@ def test_a_machine_that_cannot_draw_says_so_once_and_is_left_alone(fill, tmp_pat
         before = browser.evaluate(asked)
         time.sleep(2)
         assert browser.evaluate(asked) == before < 60
+
+
+def lose_the_answer(browser: Chromium, path: str) -> None:
+    """Have the next answer to what is told the server lost on its way, after the server did what it was told."""
+    browser.evaluate(f"""(() => {{
+      const ask = window.fetch;
+      window.fetch = async (address, ...more) => {{
+        const answer = await ask(address, ...more);
+        if (!address.endsWith('{path}')) return answer;
+        window.fetch = ask;
+        throw new Error('lost');
+      }};
+    }})()""")
+
+
+NOTHING_UNDONE = "document.querySelector('#trouble').textContent.startsWith('Nothing was undone')"
+
+
+def test_of_what_was_accepted_together_all_is_undone_or_nothing(fill, served, browser, versions):
+    begin(browser, served, fill((0,) * 20).id)
+    for _ in range(5):
+        browser.until(READY)
+        browser.press("Enter")
+    browser.until("!document.querySelector('#offer').hidden")
+    browser.press("KeyA")
+    for _ in range(5):
+        browser.until(READY)
+        browser.press("Enter")
+    progress(browser, "20 of 20 marked, 0 to go")
+    assert steps_said(versions, "Ada", 20) == {RIGHT_STEP}
+    # In the middle of those that were accepted together.
+    about = read_versions(versions)[15]
+    save(versions, [Entry(episode=about.episode, critical_state=0, step=30, after=16, author="Bob")])
+    browser.press("KeyU")
+    browser.until(NOTHING_UNDONE)
+    assert "meanwhile by Bob" in browser.evaluate("document.querySelector('#trouble').textContent")
+    browser.until("!document.querySelector('#conflict').hidden")
+    progress(browser, "20 of 20 marked")
+    assert len(read_versions(versions)) == 21
+    browser.press("KeyU")
+    progress(browser, "11 of 20 marked, 9 to go")
+    assert browser.evaluate("document.querySelector('#trouble').hidden")
+    assert sorted(version.undoes or 0 for version in read_versions(versions)) == [0] * 21 + list(range(11, 21))
+
+
+def test_undoing_again_after_a_lost_answer_takes_back_nothing_older(fill, served, browser, versions):
+    begin(browser, served, fill((1,)).id)
+    browser.until(READY)
+    browser.press("Space")
+    browser.press("ArrowLeft")
+    browser.press("Space")
+    assert steps_said(versions, "Ada", 2) == {RIGHT_STEP + 1, RIGHT_STEP}
+    lose_the_answer(browser, "/undo")
+    browser.press("KeyU")
+    browser.until(NOTHING_UNDONE)
+    browser.press("KeyU")
+    browser.until("document.querySelector('#trouble').hidden")
+    shown = f"document.querySelector('#state').textContent === '✓ you marked step {RIGHT_STEP + 1}'"
+    browser.until(shown)
+    assert [version.undoes for version in read_versions(versions)] == [None, None, 2]
+    browser.press("KeyU")
+    progress(browser, "0 of 1 marked, 1 to go")
+    assert [version.undoes for version in read_versions(versions)] == [None, None, 2, 1]
+
+
+def test_a_mark_that_was_saved_although_the_answer_was_lost_is_undone_on_the_disk(fill, served, browser, versions):
+    begin(browser, served, fill((0,)).id)
+    browser.until(READY)
+    lose_the_answer(browser, "/marks")
+    browser.press("Enter")
+    browser.until("!document.querySelector('#unsaved').hidden")
+    browser.press("KeyU")
+    progress(browser, "0 of 1 marked, 1 to go")
+    browser.until("document.querySelector('#unsaved').hidden")
+    assert [version.undoes for version in read_versions(versions)] == [None, 1]

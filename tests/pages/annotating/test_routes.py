@@ -78,13 +78,48 @@ def test_second_of_two_pages_is_shown_both_marks_and_overwrites_nothing(client, 
     assert (settled["disputed"], settled["agreed"]) == (False, 20)
 
 
-def test_undoing_takes_back_ones_own_mark_only(client, address):
+def undo(client: TestClient, address: str, *undone: tuple[str, int, int], author: str = "Ada"):
+    """Take back versions, told by episode, newest version seen, and version."""
+    marks = [
+        {"episode": episode, "critical_state": 0, "after": after, "undoes": undoes} for episode, after, undoes in undone
+    ]
+    return client.post(f"{address}/undo", json={"author": author, "marks": marks})
+
+
+def test_undoing_takes_back_ones_own_mark_only(client, address, versions):
     mark(client, address, 20)
-    undo = {"author": "Bob", "episode": FIRST, "critical_state": 0, "after": 1}
-    assert client.post(f"{address}/undo", json=undo).status_code == 409
-    answer = client.post(f"{address}/undo", json={**undo, "author": "Ada"}).json()
+    refused = undo(client, address, (FIRST, 1, 1), author="Bob")
+    assert refused.status_code == 400
+    assert "version 1 is not a mark of Bob" in refused.json()["error"]
+    answer = undo(client, address, (FIRST, 1, 1)).json()
     assert answer["marks"][0]["opinions"] == []
     assert answer["marks"][0]["newest"] == 2
+
+
+def test_marks_are_taken_back_together_or_not_at_all(client, address, versions):
+    mark(client, address, 20)
+    mark(client, address, 21, episode=SECOND)
+    mark(client, address, 25, "Bob", after=2, episode=SECOND)
+    before = versions.read_bytes()
+    refused = undo(client, address, (FIRST, 1, 1), (SECOND, 2, 2))
+    assert refused.status_code == 409
+    assert "meanwhile by Bob" in refused.json()["error"]
+    assert [len(each["opinions"]) for each in refused.json()["marks"]] == [1, 2]
+    assert versions.read_bytes() == before
+    answer = undo(client, address, (FIRST, 1, 1), (SECOND, 3, 2))
+    assert answer.status_code == 200
+    assert [[each["author"] for each in stands["opinions"]] for stands in answer.json()["marks"]] == [[], ["Bob"]]
+
+
+def test_undoing_the_same_again_takes_back_nothing_older(client, address, versions):
+    mark(client, address, 20)
+    mark(client, address, 22, after=1)
+    # The answer to the first attempt is lost.
+    for _ in range(2):
+        answer = undo(client, address, (FIRST, 2, 2))
+        assert answer.status_code == 200
+        assert [each["step"] for each in answer.json()["marks"][0]["opinions"]] == [20]
+    assert len(read_versions(versions)) == 3
 
 
 @pytest.mark.parametrize(

@@ -122,45 +122,55 @@ function save(entries, stepOf, settles = false) {
   send(marks);
 }
 
-/** Tell the server marks of one author. */
+/** Tell the server marks of one author; what came of a mark is known when its `sent` is over. */
 function send(marks) {
   const body = () => {
     for (const mark of marks) mark.after = mark.entry.newest;
     return { author: marks[0].author, marks: marks.map(told) };
   };
-  server.tell("/marks", body).then(({ status, content }) => {
+  const sent = server.tell("/marks", body).then(({ status, content }) => {
     queue.update(content.marks);
-    answered(marks, status === 409 ? comeOf : () => "done");
+    return answered(marks, status === 409 ? comeOf : () => "done");
   }, (error) => {
     for (const mark of marks) mark.failed = error.message;
     unsaved();
     draw();
   });
+  for (const mark of marks) mark.sent = sent;
+  return sent;
 }
 
 const told = ({ entry: { episode, state }, after, step, settles, keys, seconds }) =>
   ({ episode: episode.id, critical_state: state, after, step, settles, keys, seconds });
 
+const since = (mark) => mark.entry.opinions.filter((each) => each.version > mark.after);
+
+/** What was saved of a mark, if it was. */
+const savedAs = (mark) => since(mark).find((each) => each.author === mark.author && each.step === mark.step);
+
 /** What comes of a mark among marks that the server did not save, because there was something newer about one of them. */
 function comeOf(mark) {
-  const since = mark.entry.opinions.filter((each) => each.version > mark.after);
   // The answer to an earlier attempt was lost, or a later mark has taken its place.
-  if (mark.entry.pending !== mark || since.some((each) => each.author === mark.author && each.step === mark.step)) return "done";
-  return since.length ? "refused" : "again";
+  if (mark.entry.pending !== mark || savedAs(mark)) return "done";
+  return since(mark).length ? "refused" : "again";
 }
 
 function answered(marks, outcomeOf) {
   const { done = [], refused = [], again = [] } = Object.groupBy(marks, outcomeOf);
-  for (const mark of done) if (mark.entry.pending === mark) mark.entry.pending = null;
+  for (const mark of done) {
+    mark.version = savedAs(mark)?.version;
+    if (mark.entry.pending === mark) mark.entry.pending = null;
+  }
   for (const mark of refused) mark.refused = true;
   history = history.map((batch) => batch.filter((mark) => !mark.refused)).filter((batch) => batch.length);
-  if (again.length) send(again);
+  const sent = again.length ? send(again) : null;
   display.measured(server);
   const disputed = which() === "disputed" ? undefined : done.find((mark) => mark.entry.disputed);
   const open = refused[0] ?? disputed;
   if (open) go(open.entry);
   else if (!again.length) say("saved");
   draw();
+  return sent;
 }
 
 function accept(goOn) {
@@ -225,36 +235,54 @@ function judgeSample(judged, agrees) {
 
 const isOfSample = (each) => Boolean(audit?.sample.includes(each));
 
-/** Take back what was saved last; one of a sample is then still to be judged. */
+/** Take back what the annotator saved last, all of it or none; one of a sample is then still to be judged. */
 async function undo() {
-  const undone = history.pop() ?? (entry && own(entry, author()) ? [{ entry }] : []);
+  const place = history.findLastIndex((marks) => marks[0].author === author());
+  const mine = entry && own(entry, author());
+  const undone = place >= 0 ? history.splice(place, 1)[0] : mine ? [{ entry, author: mine.author, version: mine.version }] : [];
   if (!undone.length) return say("there is nothing to undo");
-  const cost = effort.take();
+  trouble("");
   agreements = 0;
+  try {
+    await takeBack(undone);
+  } catch (error) {
+    history.push(undone);
+    return trouble(`nothing was undone, and it can be tried again: ${error.message}`);
+  }
   for (const mark of undone) {
     const each = mark.entry;
-    each.judged = false;
-    if (mark.failed) {
-      Object.assign(each, { cursor: mark.step, sampled: isOfSample(each) });
-      if (each.pending === mark) each.pending = null;
-      continue;
-    }
-    const body = () => ({ author: author(), episode: each.episode.id, critical_state: each.state, after: each.newest, ...cost });
-    try {
-      const { status, content } = await server.tell("/undo", body);
-      queue.update(content.marks);
-      if (status === 409) trouble(content.error);
-      else each.sampled = isOfSample(each);
-    } catch (error) {
-      history.push(undone);
-      return trouble(`not undone: ${error.message}`);
-    }
-    Object.assign(cost, { keys: 0, seconds: 0 });
+    Object.assign(each, { judged: false, sampled: isOfSample(each) });
+    if (!mark.version) each.cursor = mark.step;
+    if (each.pending === mark) each.pending = null;
   }
   unsaved();
   display.measured(server);
   go(undone[0].entry);
   say("undone");
+}
+
+/** Have those of some marks taken back that were saved; throws a sentence, also if there is something newer about one. */
+async function takeBack(marks) {
+  const { keys, seconds } = effort.take();
+  await Promise.all(marks.map((mark) => mark.sent));
+  // What could not be saved may have been: its answer may be all that was lost.
+  if (marks.some((mark) => mark.failed)) await update();
+  for (const mark of marks) mark.version ??= savedAs(mark)?.version;
+  const saved = marks.filter((mark) => mark.version);
+  if (!saved.length) return;
+  const body = () => {
+    for (const mark of saved) mark.after = mark.entry.newest;
+    return { author: saved[0].author, marks: saved.map((mark, index) => ({
+      episode: mark.entry.episode.id, critical_state: mark.entry.state, after: mark.after, undoes: mark.version,
+      keys: index ? 0 : keys, seconds: index ? 0 : seconds,
+    })) };
+  };
+  const { status, content } = await server.tell("/undo", body);
+  queue.update(content.marks);
+  if (status !== 409) return;
+  const newer = saved.find((mark) => mark.entry.newest !== mark.after);
+  if (newer) go(newer.entry);
+  throw new Error(content.error);
 }
 
 function move(to) {
@@ -350,12 +378,16 @@ function remember(id) {
 /** Take over what others have said meanwhile. */
 async function refresh() {
   try {
-    const work = await server.get("/work");
-    queue.update(work.episodes.flatMap((episode) => episode.marks.map((mark) => ({ episode: episode.id, ...mark }))));
+    await update();
     draw();
   } catch (error) {
     trouble(error.message);
   }
+}
+
+async function update() {
+  const work = await server.get("/work");
+  queue.update(work.episodes.flatMap((episode) => episode.marks.map((mark) => ({ episode: episode.id, ...mark }))));
 }
 
 async function start() {
