@@ -37,8 +37,10 @@ def effort_section(studies: Sequence[TaskStudy]) -> Section | None:
         "also of those that failed. Of a person's recordings that is the least they can have taken: what was undone or "
         "discarded left none, and slow motion counts as real time. What annotating took is measured on juicer's page, "
         "and of labels from elsewhere it is what the paper's annotators needed for as many critical states of that "
-        "task. Where the operator is scripted and critical states are proposed, no person spent them. Corrections of a "
-        "round in which none succeeded are not counted.",
+        "task; what is proposed beside labels counts nothing. A labels file does not tell which of its labels were "
+        "proposed and only looked at, so all of them count. Where the operator is scripted, and where all critical "
+        "states are proposed, no person spent the minutes that are told: they are those that people would need. "
+        "Corrections of a round in which none succeeded are not counted.",
         (
             Table(columns, demonstrations, "Demonstrations, as in the paper's Table IV, which is of 50"),
             *_annotated(studies),
@@ -143,7 +145,9 @@ def _minutes(manifest: Manifest, study: TaskStudy) -> float:
             people = summary[PEOPLE]
             # Annotations of an earlier juicer do not tell what was marked elsewhere than on the page.
             return float(people["minutes"]) + each_s * int(people.get("elsewhere", 0)) / 60
-        return each_s * int(summary["critical_states"]) / 60
+        # Beside labels of a file, proposals took nobody's time; without a file they stand for what people would mark.
+        marked = summary["authors"].get("human", 0) if manifest.recipe.files else summary["critical_states"]
+        return each_s * int(marked) / 60
     if manifest.recipe.stage == "correct":
         return minutes_of(summary["human_steps"])
     # Demonstrations of an earlier juicer do not tell how long rejected recordings were.

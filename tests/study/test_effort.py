@@ -101,6 +101,18 @@ def test_labels_that_people_brought_from_elsewhere_cost_what_the_papers_did(made
     assert len(section.tables) == (3 if minutes else 2), "what the page measured is told if it measured anything"
 
 
+def test_what_is_proposed_beside_the_labels_of_a_file_cost_nobody_a_minute(made):
+    logs = demonstrated(made, operator_minutes=4.0)
+    for condition, facts in (("ta", {"files": {"labels.csv": "1"}}), ("proposed", {})):
+        summary = {"critical_states": 50, "authors": {"human": 5, "proposed": 45} if facts else {"proposed": 50}}
+        labels = made.artifact("annotate", "annotations", inputs={"episodes": (logs,)}, summary=summary, **facts)
+        made.evaluation(condition, made.artifact("train", "checkpoint", inputs={"annotations": (labels,)}))
+    section = effort_section([made.study])
+    assert section is not None
+    # Where nobody labels, what is told is what people would need.
+    assert {row[0]: row[2] for row in section.tables[-1].rows} == {"TA": "1.0", "PROPOSED": "10.0"}
+
+
 def test_pages_say_of_which_temperament_the_operator_was(made):
     for condition, config in (("bc", {}), ("hurried", {"temperament": {"kind": "human"}})):
         summary = {"device": "scripted operator", "logs": 2}
