@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property, lru_cache
@@ -176,6 +176,12 @@ class Catalog:
         self._read(self._unread(listing.refs, trusts_unstamped=False))
         return self._contents(listing)
 
+    def of(self, refs: Collection[ArtifactRef]) -> Mapping[ArtifactRef, Entry]:
+        """Entries of these artifacts; of one that is not there, none."""
+        self._read(self._unread(refs, trusts_unstamped=False))
+        with self._lock:
+            return {ref: self._entries[ref] for ref in refs if ref in self._entries}
+
     def _unread(self, refs: Iterable[ArtifactRef], *, trusts_unstamped: bool = True) -> Sequence[ArtifactRef]:
         """Those of which nothing is known, or what is known may be older than their manifests.
 
@@ -210,7 +216,10 @@ class Catalog:
             try:
                 entry = Entry.of(self._store.manifest(ref), stamp)
             except ArtifactNotFound:
-                continue  # it was set aside in the meantime
+                # It was set aside, maybe in the meantime.
+                with self._lock:
+                    self._entries.pop(ref, None)
+                continue
             except ArtifactError as error:
                 entry = Entry(ref, trouble=str(error), stamp=stamp)
             with self._lock:

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
 
+from juicer.artifacts.catalog import Entry, catalog_of
 from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import KINDS, ArtifactRef, is_id, require_kind
 from juicer.artifacts.store import ArtifactStore
-from juicer.errors import ArtifactError, ArtifactNotFound, ConfigError, WrongArtifactKind
-from juicer.reporting.lineage import checkpoint_of
+from juicer.errors import ArtifactNotFound, ConfigError, WrongArtifactKind
 from juicer.sim.arguments import shown
 from juicer.text import printable
 
@@ -65,9 +65,12 @@ def read_models(store: ArtifactStore) -> list[Model]:
         ConfigError: If it is not a store.
     """
     _require_store(store)
+    reports = store.list("report")
+    evaluations = {ref for report in reports for ref in report.recipe.inputs.get("evaluations", ())}
+    known = catalog_of(store, store.cache).of(evaluations)
     models: dict[str, Model] = {}
-    for report in store.list("report"):
-        for model in _models_of(store, report):
+    for report in reports:
+        for model in _models_of(report, known):
             models.pop(model.name, None)
             models[model.name] = model
     return list(models.values())
@@ -126,7 +129,7 @@ def _only(matches: Sequence[Model], text: str, kinds: Sequence[str]) -> Artifact
     raise WrongArtifactKind(f"'{names[0]}' is a model, which has an evaluation and a checkpoint but no '{needed}'")
 
 
-def _models_of(store: ArtifactStore, report: Manifest) -> Iterator[Model]:
+def _models_of(report: Manifest, known: Mapping[ArtifactRef, Entry]) -> Iterator[Model]:
     """Models of a report, with their evaluations without a shift; in a shared store, anybody may have written it."""
     config, evaluations = report.recipe.config, report.recipe.inputs.get("evaluations", ())
     rows = config.get("rows")
@@ -135,19 +138,13 @@ def _models_of(store: ArtifactStore, report: Manifest) -> Iterator[Model]:
     study, task = str(config.get("title")), str(config.get("task"))
     for row, evaluation in zip(rows, evaluations, strict=True):
         if _is_row(row) and not row.get("shift"):
-            checkpoint = _checkpoint(store, evaluation)
+            inputs = known[evaluation].inputs if evaluation in known else {}
+            checkpoint = next(iter(inputs.get("checkpoint", ())), None)
             yield Model(study, task, row["condition"], row["seed"], report.ref, evaluation, checkpoint)
 
 
 def _is_row(row: Any) -> bool:
     return isinstance(row, Mapping) and isinstance(row.get("condition"), str) and isinstance(row.get("seed"), int)
-
-
-def _checkpoint(store: ArtifactStore, evaluation: ArtifactRef) -> ArtifactRef | None:
-    try:
-        return checkpoint_of(store.manifest(evaluation))
-    except ArtifactError:
-        return None
 
 
 def _word(text: str) -> str:

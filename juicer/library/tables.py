@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pandas as pd
 
-from juicer.artifacts.manifest import FINDING, HEADLINE, LABEL, OBSERVES, Manifest
+from juicer.artifacts.catalog import Entry, catalog_of
+from juicer.artifacts.manifest import FINDING, HEADLINE, LABEL, OBSERVES
 from juicer.artifacts.ref import ArtifactRef, require_kind
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Episode, Outcome, Role
-from juicer.errors import ArtifactError
 from juicer.library.names import read_models
 from juicer.reporting.lineage import read_lineage
 from juicer.sim.registration import environment_id
@@ -22,6 +23,8 @@ from juicer.storage.frames import frame_of
 from juicer.storage.selections import SelectionRow, read_selection
 from juicer.tasks.registry import TASK_NAMES, get_task
 from juicer.text import printable
+
+logger = logging.getLogger(__name__)
 
 
 def artifact_table(store: ArtifactStore, kind: str | None) -> pd.DataFrame:
@@ -34,8 +37,8 @@ def artifact_table(store: ArtifactStore, kind: str | None) -> pd.DataFrame:
         require_kind(kind)
     names = {ref: model.name for model in read_models(store) for ref in (model.evaluation, model.checkpoint)}
     rows = [
-        {**_described(manifest), "name": names.get(manifest.ref, ""), **(_facts(manifest) if kind else {})}
-        for manifest in store.list(kind)
+        {**_described(entry), "name": names.get(entry.ref, ""), **(_facts(entry) if kind else {})}
+        for entry in _entries(store, kind)
     ]
     columns = ["id", "kind", "name", "stage", "finished", "seconds", "megabytes", HEADLINE]
     table = pd.DataFrame(rows, columns=columns if not rows else None)
@@ -45,13 +48,11 @@ def artifact_table(store: ArtifactStore, kind: str | None) -> pd.DataFrame:
 def model_table(store: ArtifactStore) -> pd.DataFrame:
     """A row a model that a report names, with what it saw and what its evaluation found."""
     found = ("episodes", "successes", "success_rate", "interval_low", "interval_high", "mean_length")
+    models = read_models(store)
+    known = catalog_of(store, store.cache).of([model.evaluation for model in models])
     rows = []
-    for model in read_models(store):
-        try:
-            manifest = store.manifest(model.evaluation)
-            summary, observes = manifest.summary, manifest.observes
-        except ArtifactError:
-            summary, observes = {}, ""
+    for model in models:
+        summary = known[model.evaluation].summary if model.evaluation in known else {}
         _, _, condition, _ = model.words
         rows.append(
             {
@@ -60,7 +61,7 @@ def model_table(store: ArtifactStore) -> pd.DataFrame:
                 "task": model.task,
                 "condition": condition,
                 "seed": model.seed,
-                OBSERVES: observes,
+                OBSERVES: str(summary.get(OBSERVES, "")),
                 **{name: summary.get(name) for name in found},
                 "evaluation": model.evaluation.id,
                 "checkpoint": model.checkpoint.id if model.checkpoint else None,
@@ -76,7 +77,8 @@ def lineage_table(store: ArtifactStore, ref: ArtifactRef) -> pd.DataFrame:
     rows = []
     for each, manifest in read_lineage(store, [ref]).items():
         parents = [parent.id for parent in manifest.recipe.parents] if manifest else []
-        rows.append((_described(manifest) if manifest else {"id": each.id, "kind": each.kind}) | {"parents": parents})
+        described = _described(Entry.of(manifest)) if manifest else {"id": each.id, "kind": each.kind}
+        rows.append(described | {"parents": parents})
     return pd.DataFrame(rows).set_index("id")
 
 
@@ -146,22 +148,30 @@ def row_table(store: ArtifactStore, ref: ArtifactRef) -> pd.DataFrame:
     return frame_of(read_dataset(folder), DatasetRow)
 
 
-def _described(manifest: Manifest) -> dict[str, Any]:
+def _entries(store: ArtifactStore, kind: str | None) -> list[Entry]:
+    """Artifacts, oldest first; what cannot be had is logged and left out."""
+    contents = catalog_of(store, store.cache).whole(kind)
+    for trouble in (*contents.unseen, *(entry.trouble for entry in contents.entries if entry.trouble)):
+        logger.warning("the table is not complete: %s", trouble)
+    return [entry for entry in reversed(contents.entries) if not entry.trouble]
+
+
+def _described(entry: Entry) -> dict[str, Any]:
     return {
-        "id": manifest.ref.id,
-        "kind": manifest.ref.kind,
-        "stage": printable(manifest.recipe.stage),
-        "finished": pd.Timestamp(manifest.finished).tz_convert("UTC").floor("s"),
-        "seconds": manifest.seconds,
-        "megabytes": round(sum(entry.bytes for entry in manifest.files) / 1e6, 3),
-        HEADLINE: printable(manifest.headline),
+        "id": entry.ref.id,
+        "kind": entry.ref.kind,
+        "stage": printable(entry.stage),
+        "finished": pd.Timestamp(entry.finished).tz_convert("UTC").floor("s"),
+        "seconds": entry.seconds,
+        "megabytes": round(entry.bytes / 1e6, 3),
+        HEADLINE: printable(entry.headline),
     }
 
 
-def _facts(manifest: Manifest) -> Mapping[str, Any]:
+def _facts(entry: Entry) -> Mapping[str, Any]:
     """Numbers and words of a summary; what has an inside of its own stays in the manifest."""
     return {
         name: value
-        for name, value in manifest.summary.items()
+        for name, value in entry.summary.items()
         if name not in (HEADLINE, LABEL, FINDING) and isinstance(value, int | float | str)
     }

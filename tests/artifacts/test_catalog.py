@@ -92,6 +92,22 @@ def test_an_artifact_that_is_gone_is_listed_no_more_and_comes_back(store, refs, 
     assert set(listed(store, tmp_path)) == set(refs)
 
 
+@pytest.mark.parametrize("is_stamped", [True, False])
+def test_of_some_artifacts_only_these_are_read_and_one_that_is_gone_is_no_longer_known(
+    store, refs, reads, tmp_path, monkeypatch, is_stamped
+):
+    if not is_stamped:
+        monkeypatch.setattr(ArtifactStore, "stamp", lambda self, ref: "")
+    catalog = Catalog(store, tmp_path)
+    assert {ref: entry.headline for ref, entry in catalog.of(refs[:2]).items()} == {
+        refs[0]: "made by record",
+        refs[1]: "made by ingest",
+    }
+    assert sorted(reads) == sorted(refs[:2])
+    store.set_aside(refs[0])
+    assert set(catalog.of(refs[:2])) == {refs[1]}
+
+
 def test_what_is_kept_is_for_the_owner_alone(store, refs, tmp_path):
     listed(store, tmp_path)
     assert stat.S_IMODE((tmp_path / FILE).stat().st_mode) == 0o600

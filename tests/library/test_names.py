@@ -126,3 +126,10 @@ def test_a_model_whose_evaluation_was_deleted_has_no_checkpoint(store: ArtifactS
     assert model.checkpoint is None
     with pytest.raises(WrongArtifactKind):
         find(store, "bc", "checkpoint")
+
+
+def test_what_is_known_of_a_model_is_forgotten_with_its_evaluation(store: ArtifactStore):
+    (evaluation,) = study(store, "study", "one_leg", [("bc", 0)])
+    assert find(store, "bc", "checkpoint").kind == "checkpoint"
+    store.set_aside(evaluation)
+    assert [model.checkpoint for model in read_models(store)] == [None]

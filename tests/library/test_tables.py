@@ -6,11 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from juicer.artifacts.catalog import catalog_of
+from juicer.artifacts.manifest import MANIFEST_NAME
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import ArraySpec, Episode, Outcome, Role
 from juicer.errors import ArtifactError, ConfigError
 from juicer.library.episodes import Episodes
+from juicer.library.names import find
 from juicer.library.tables import artifact_table, curve_table, lineage_table, model_table, step_table, task_table
 from juicer.storage.episodes import write_episodes
 
@@ -40,6 +43,43 @@ def test_facts_of_a_kind_are_columns_and_what_was_deleted_has_an_id(tmp_path):
     assert lineage.loc[model.ref.id, "parents"] == [data.ref.id]
     store.set_aside(data.ref)
     assert pd.isna(lineage_table(store, model.ref).loc[data.ref.id, "stage"])
+
+
+def test_the_next_process_reads_only_reports_for_its_tables_and_names(tmp_path, monkeypatch):
+    store, evaluations = ArtifactStore(tmp_path), []
+    for seed in range(3):
+        with store.create(Recipe("train", "checkpoint", config={"seed": seed})) as model:
+            pass
+        with store.create(Recipe("evaluate", "evaluation", inputs={"checkpoint": (model.ref,)})) as evaluation:
+            evaluation.summary |= {"success_rate": 0.1 * seed, "observes": "state"}
+        evaluations.append(evaluation.ref)
+    config = {"title": "study", "task": "one_leg", "rows": [{"condition": "bc", "seed": seed} for seed in range(3)]}
+    with store.create(Recipe("report", "report", inputs={"evaluations": tuple(evaluations)}, config=config)):
+        pass
+    first = artifact_table(store, None), artifact_table(store, "evaluation"), model_table(store)
+    catalog_of.cache_clear()
+    read = []
+    manifest = ArtifactStore.manifest
+    monkeypatch.setattr(ArtifactStore, "manifest", lambda self, ref: read.append(ref.kind) or manifest(self, ref))
+    second = artifact_table(store, None), artifact_table(store, "evaluation"), model_table(store)
+    assert set(read) == {"report"}
+    for one, other in zip(first, second, strict=True):
+        pd.testing.assert_frame_equal(one, other)
+    assert find(store, "seed-2", "evaluation") == evaluations[2]
+    assert list(second[2]["success_rate"]) == [0.0, 0.1, 0.2]
+    assert set(second[2]["observes"]) == {"state"}
+
+
+def test_a_damaged_artifact_is_logged_and_left_out(tmp_path, caplog):
+    store = ArtifactStore(tmp_path)
+    refs = []
+    for stage in ("ingest", "augment"):
+        with store.create(Recipe(stage, "episodes")) as draft:
+            pass
+        refs.append(draft.ref)
+    (tmp_path / str(refs[0]) / MANIFEST_NAME).write_text("nonsense")
+    assert list(artifact_table(store, "episodes").index) == [refs[1].id]
+    assert f"{refs[0]} is damaged" in caplog.text
 
 
 def test_episodes_are_taken_by_number_and_by_id(tmp_path, episode_factory):

@@ -204,7 +204,7 @@ def _desk(store: ArtifactStore, ref: ArtifactRef, folder: Path, data: Path, work
     reader.require_state()
 
     def propose(progress: Progress) -> Proposals:
-        return find_proposals(store, ref, reader, workers, progress)
+        return find_proposals(store, data, ref, reader, workers, progress)
 
     return Desk(reader, versions_path(data, reader.records[0].task), propose)
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 
 from juicer.annotation.annotate import annotate
 from juicer.annotation.propose import AnnotationConfig
 from juicer.annotation.versions import Key
+from juicer.artifacts.catalog import catalog_of
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.progress import Progress
@@ -17,12 +19,13 @@ Proposals = Mapping[Key, Annotation]
 
 
 def find_proposals(
-    store: ArtifactStore, ref: ArtifactRef, reader: EpisodeReader, workers: int, progress: Progress
+    store: ArtifactStore, folder: Path, ref: ArtifactRef, reader: EpisodeReader, workers: int, progress: Progress
 ) -> Proposals:
     """Proposals by episode and critical state: those of the newest annotations of the episodes, else new ones.
 
     Args:
         store: Where the artifacts are.
+        folder: Where the catalog of the store is kept.
         ref: The episodes.
         reader: The same.
         workers: Threads that may search.
@@ -31,14 +34,14 @@ def find_proposals(
     Raises:
         ArtifactError: If the annotations are damaged.
     """
+    about = (
+        entry.ref
+        for entry in catalog_of(store, folder).whole("annotations").entries
+        if entry.inputs.get("episodes") == (ref,)
+    )
     # Where people labelled some, nothing was proposed for these.
-    made = [
-        each.ref
-        for each in store.list("annotations")
-        if each.recipe.inputs.get("episodes") == (ref,) and not each.recipe.files
-    ]
-    if made:
-        return _by_key(read_annotations(store.open(made[-1], "annotations")))
+    if newest := next((each for each in about if not store.recipe(each).files), None):
+        return _by_key(read_annotations(store.open(newest, "annotations")))
     return _by_key(annotate(reader, AnnotationConfig(), num_workers=workers, progress=progress))
 
 
