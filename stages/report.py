@@ -80,10 +80,11 @@ def report(
     from juicer.study.sections import BESIDE_RATES, sections
 
     _check(evaluations, config)
-    study = task_study(context.store, config.task, evaluations, config.rows, config.curves)
+    shown = tuple(shown_analyses(context.store, analyses, config.analyses))
+    told = tuple(zip(config.analyses, shown, strict=True))
+    study = task_study(context.store, config.task, evaluations, config.rows, config.curves, analyses=told)
     results = [each.result for each in study.measured.values()]
     videos, findings = _videos(context, evaluations, config, results)
-    shown = tuple(shown_analyses(context.store, analyses, config.analyses))
     data = gather(
         study.sources,
         results,
@@ -103,7 +104,7 @@ def report(
         (context.draft.path / f"{chart.name}.png").write_bytes(chart.png)
     for number, figure in enumerate(data.varied):
         (context.draft.path / f"{VARIED}{number or ''}.png").write_bytes(figure)
-    for row, analysis in zip(config.analyses, shown, strict=True):
+    for row, analysis in told:
         if analysis.png:
             (context.draft.path / f"{row.file_name}.png").write_bytes(analysis.png)
     if config.configuration:

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
+from juicer.analysis.sampling import CHANCE, SLICED
 from juicer.artifacts.manifest import FINDING, HEADLINE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import Seed, StrictConfig
@@ -20,9 +21,6 @@ from juicer.tasks.specification import Insertion
 from juicer.tasks.task_name import TaskName
 from stages.runtime.context import StageContext
 from stages.runtime.stage import stage
-
-CHANCE = "chance"
-"""Beside distances by numbers of steps: that of a second set in as many steps as the reference."""
 
 Steps = Annotated[int, Field(gt=0, le=1000)]
 
@@ -109,7 +107,7 @@ def sampling(
         "reference_steps": reference,
         "distances": apart,
         "deviations": dict(zip(DIMENSIONS, truth.std(axis=0).tolist(), strict=True)),
-        HEADLINE: _headline({name: each["sliced"] for name, each in apart.items()}, reference),
+        HEADLINE: _headline({name: each[SLICED] for name, each in apart.items()}, reference),
         **renderer_facts(context.store, checkpoint),
     }
 

@@ -80,10 +80,10 @@ def _known(store: ArtifactStore, runs: Sequence[RunConfig]) -> tuple[TaskStudy |
     if not models:
         return None, 0, planned
     outcomes = list(models.values())
-    study = task_study(store, runs[0].task, *rows_of(outcomes), list(curves.values()))
     refs, rows = analyses_of(outcomes)
     analyses = tuple(zip(rows, shown_analyses(store, refs, rows), strict=True))
-    return replace(study, analyses=analyses), len(outcomes), planned
+    study = task_study(store, runs[0].task, *rows_of(outcomes), list(curves.values()), analyses=analyses)
+    return study, len(outcomes), planned
 
 
 _OF_THE_DATA = (

@@ -11,6 +11,9 @@ from juicer.geometry import rot6d_to_matrix
 from juicer.storage.analyses import DIMENSIONS
 
 SLICED = "sliced"
+"""Among distances by dimension: that of all dimensions together."""
+CHANCE = "chance"
+"""Among distances by numbers of steps: that of a second set in as many steps as the reference."""
 DIRECTIONS = 200
 """Random directions of the sliced distance."""
 FLOORS = np.array([0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.01])

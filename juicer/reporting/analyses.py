@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from juicer.analysis.monitoring import watched
+from juicer.analysis.sampling import SLICED
 from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
@@ -74,19 +75,21 @@ def _sampling(store: ArtifactStore, manifest: Manifest, label: str) -> ShownAnal
 
     facts = manifest.summary
     apart: Mapping[str, Mapping[str, float]] = facts["distances"]
-    names = (*DIMENSIONS, "sliced")
+    names = (*DIMENSIONS, SLICED)
     sentence = (
         f"{facts['samples']} samples of an action at step {facts['step']} of a demonstration, by the steps in which "
         f"each was drawn. Below, Wasserstein distances to those of {facts['reference_steps']} steps, in mm, degrees "
         "and the gripper's command; sliced is all dimensions together, in standard deviations. Chance is what a "
         "second set of as many steps comes to."
     )
+    sliced = {name: each[SLICED] for name, each in apart.items()}
     return ShownAnalysis(
         label,
         sentence,
         ("steps", *names),
         tuple((name, *(f"{each[key]:.3g}" for key in names)) for name, each in apart.items()),
-        sampling_figure(read_samples(store.open(manifest.ref)), {name: each["sliced"] for name, each in apart.items()}),
+        sampling_figure(read_samples(store.open(manifest.ref)), sliced),
+        apart=sliced,
     )
 
 

@@ -52,7 +52,7 @@ class TaskStudy:
         measured: By name of the condition, in order.
         sources: The artifacts behind it.
         curves: What is drawn over several conditions.
-        analyses: What else is known of some of its models, where nothing else tells it.
+        analyses: What else is known of some of its models.
     """
 
     task: str
@@ -134,7 +134,7 @@ def by_setting(study: TaskStudy) -> Iterator[tuple[str, TaskStudy]]:
             method: replace(each, setting="", result=replace(each.result, condition=method))
             for method, each in alike.items()
         }
-        yield setting, replace(study, measured=renamed, curves=())
+        yield setting, replace(study, measured=renamed, curves=(), analyses=())
 
 
 def task_study(
@@ -144,6 +144,7 @@ def task_study(
     rows: Sequence[ReportRow],
     curves: Sequence[Curve] = (),
     sources: Sources | None = None,
+    analyses: Sequence[tuple[AnalysisRow, ShownAnalysis]] = (),
 ) -> TaskStudy:
     """Read what is known of a task.
 
@@ -154,6 +155,7 @@ def task_study(
         rows: Whose evaluations they are, in their order.
         curves: What is drawn over several conditions.
         sources: The artifacts behind the evaluations, if they have been read already.
+        analyses: What else is known of its models.
 
     Raises:
         ArtifactError: If an evaluation is missing or damaged.
@@ -164,7 +166,7 @@ def task_study(
         manifests = tuple(store.manifest(ref) for ref, _ in own)
         row = own[0][1]
         measured[result.condition] = Measured(result, row.setting, _states(manifests[0]), manifests, row.method)
-    return TaskStudy(task, measured, sources or Sources(store, evaluations, rows), tuple(curves))
+    return TaskStudy(task, measured, sources or Sources(store, evaluations, rows), tuple(curves), tuple(analyses))
 
 
 def _states(evaluation: Manifest) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
 
+from juicer.analysis.sampling import CHANCE
 from juicer.study.curves import Curve
 from juicer.study.material import TaskStudy
 from juicer.study.points import curve_points, fit_of, rivals, rounded
@@ -187,6 +188,39 @@ class BestWithin:
 
     def _is_inside(self, x: float) -> bool:
         return self.low <= x <= self.high
+
+
+@dataclass(frozen=True)
+class SampledAlike:
+    """What is drawn in few steps of the sampler is distributed as what is drawn in the most.
+
+    Attributes:
+        steps: The few.
+        within: Distance that makes no difference [standard deviations].
+    """
+
+    steps: int
+    within: float
+
+    def judge(self, study: TaskStudy) -> Verdict:
+        """On which side the distance of every analysed model lies, were it not for chance."""
+        found = [(row, shown.apart) for row, shown in study.analyses if str(self.steps) in shown.apart]
+        if not found:
+            return Verdict(Ruling.UNTESTED, f"no analysis of samples that were drawn in {self.steps} steps and in more")
+        rulings = {self._ruling(apart[str(self.steps)], apart[CHANCE]) for _, apart in found}
+        told = "; ".join(
+            f"{row.title}, seed {row.seed}: {apart[str(self.steps)]:.2f} (chance alone {apart[CHANCE]:.2f})"
+            for row, apart in found
+        )
+        return Verdict(
+            rulings.pop() if len(rulings) == 1 else Ruling.OPEN,
+            f"{told} standard deviations from the most steps, where up to {self.within:g} makes no difference",
+        )
+
+    def _ruling(self, apart: float, chance: float) -> Ruling:
+        if apart <= self.within:
+            return Ruling.HOLDS
+        return Ruling.FAILS if apart - chance > self.within else Ruling.OPEN
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,13 @@ import pytest
 
 from flows.conditions import defaults
 from flows.runs import load_runs
+from juicer.reporting.analyses import AnalysisRow
+from juicer.reporting.content import ShownAnalysis
 from juicer.reporting.paper import PAPER_TABLE_VI
 from juicer.reporting.report import gather
 from juicer.study.claims import CLAIMS, claims_section
 from juicer.study.curves import Curve
-from juicer.study.rules import AtMost, Best, BestWithin, Better, ModelsDiffer, Ruling, Saturates
+from juicer.study.rules import AtMost, Best, BestWithin, Better, ModelsDiffer, Ruling, SampledAlike, Saturates
 from juicer.study.success import success_section
 
 
@@ -130,6 +132,40 @@ def test_statements_are_of_tasks_on_which_the_papers_own_averages_agree_with_the
                 assert averages[claim.rule.better] > averages[claim.rule.than], claim.sentence
             if isinstance(claim.rule, Best):
                 assert averages[claim.rule.best] > max(averages[name] for name in claim.rule.among), claim.sentence
+
+
+def sampled(title, **apart):
+    shown = ShownAnalysis("fig4", "", apart={steps.lstrip("n"): each for steps, each in apart.items()})
+    return AnalysisRow(name="fig4", title=title, seed=0), shown
+
+
+@pytest.mark.parametrize(
+    ("apart", "ruling"),
+    [
+        ((0.08,), Ruling.HOLDS),
+        ((0.12,), Ruling.OPEN),  # chance alone may have added that
+        ((0.3,), Ruling.FAILS),
+        ((0.08, 0.3), Ruling.OPEN),
+        ((), Ruling.UNTESTED),
+    ],
+)
+def test_few_steps_of_the_sampler_do_if_their_samples_are_as_those_of_many(study, result, apart, ruling):
+    analyses = tuple(sampled(f"BC {number}", n8=each, chance=0.03) for number, each in enumerate(apart))
+    other = AnalysisRow(name="modes", title="BC", seed=0), ShownAnalysis("modes", "")
+    told = replace(study(result("bc", 0.5)), analyses=(other, *analyses))
+    verdict = SampledAlike(8, within=0.1).judge(told)
+    assert verdict.ruling is ruling
+    assert all(
+        f"BC {number}, seed 0: {each:.2f} (chance alone 0.03)" in verdict.reason for number, each in enumerate(apart)
+    )
+
+
+def test_a_statement_about_samples_is_judged_once_whatever_conditions_change(study, result):
+    told = study(result("bc", 0.5), result("med_bc", 0.4), settings={"med_bc": "randomness med"})
+    told = replace(told, analyses=(sampled("BC, med", n8=0.05, chance=0.03),))
+    (rows, *others) = claims_section([told]).tables
+    assert [row[3] for row in rows.rows if "Eight steps" in row[0]] == ["holds"]
+    assert not any("Eight steps" in row[0] for table in others for row in table.rows)
 
 
 def test_never_means_that_the_interval_stays_below_a_bound(study, result):
