@@ -149,11 +149,12 @@ def report(
         ),
     ] = None,
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE.md", help="Page to write; drawings go beside it.")
+        Path,
+        typer.Option("--output", "-o", metavar="FILE", help="Page to write: .html, or .md with drawings beside it."),
     ] = Path("study.md"),
     as_json: AsJson = False,
 ) -> None:
-    """Write what is known of a study so far, all its tasks together, as a page in Markdown."""
+    """Write what is known of a study so far, all its tasks together, as a page."""
     from flows.command.choice import Choice
     from flows.command.report import write_report_page
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from datetime import date
+from datetime import date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from juicer.artifacts.store import ArtifactStore
     from juicer.study.material import TaskStudy
 
+HTML = ".html"
+"""Ending of a page that is one file, with its drawings in it."""
+
 
 def write_report_page(choices: Sequence[Choice], output: Path, as_json: bool) -> None:
     """``juicer report``, of one configuration or of several together; computes nothing but the page.
@@ -30,12 +33,9 @@ def write_report_page(choices: Sequence[Choice], output: Path, as_json: bool) ->
         ConfigError: If the page cannot be written, or two configurations mean different things by one name.
         NothingLeft: If there are no results yet.
     """
-    check_place(output, "Markdown page", (".md",))
+    check_place(output, "page", (".md", HTML))
     store = open_store(read_settings())
     runs = [run for choice in choices for run in choice.runs()]
-    from juicer.study.markdown import write_markdown
-    from juicer.study.sections import sections
-
     counted = [_known(store, [run for run in runs if run.task == task]) for task in dict.fromkeys(r.task for r in runs)]
     studies = [study for study, _, _ in counted if study]
     evaluated, planned = sum(known for _, known, _ in counted), sum(planned for _, _, planned in counted)
@@ -45,13 +45,28 @@ def write_report_page(choices: Sequence[Choice], output: Path, as_json: bool) ->
     facts = _facts(choices, runs, studies) | {"models evaluated": f"{evaluated} of {planned}"}
     shown = printable(output, 500)
     try:
-        files = write_markdown(output, Path(choices[0].source).stem.replace("_", " "), facts, sections(studies))
+        files = _write(output, Path(choices[0].source).stem.replace("_", " "), facts, studies)
     except OSError as error:
         raise ConfigError(f"'{shown}' cannot be written: {error.strerror or error}; give another file") from None
     if as_json:
         say_json({"files": [str(path) for path in files], "evaluated": evaluated, "models": planned})
     else:
-        say(f"{shown}: {evaluated} of {planned} models, {len(files) - 1} drawings beside it")
+        beside = f", {len(files) - 1} drawings beside it" if output.suffix.lower() != HTML else ""
+        say(f"{shown}: {evaluated} of {planned} models{beside}")
+
+
+def _write(output: Path, title: str, facts: Mapping[str, str], studies: Sequence[TaskStudy]) -> list[Path]:
+    """Write the page as what its name says; every file written, the page first."""
+    from juicer.reporting.content import ReportData
+    from juicer.reporting.page import write_page
+    from juicer.study.markdown import write_markdown
+    from juicer.study.sections import sections
+
+    told = sections(studies)
+    if output.suffix.lower() != HTML:
+        return write_markdown(output, title, facts, told)
+    write_page(ReportData(title, datetime.now(), facts, sections=told), output)
+    return [output]
 
 
 def _known(store: ArtifactStore, runs: Sequence[RunConfig]) -> tuple[TaskStudy | None, int, int]:

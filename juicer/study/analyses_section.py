@@ -21,7 +21,7 @@ def analyses_section(studies: Sequence[TaskStudy]) -> Section | None:
         f"How each is made stands in docs/analyses.md. Together they took {hours:.1f} hours, one after another, which "
         "is not part of the cost below.",
         tuple(
-            Table(shown.columns, shown.rows, f"{task}, {shown.label}", shown.sentence)
+            Table(shown.columns, shown.rows, f"{task}, {shown.label}", "" if shown.png else shown.sentence)
             for task, _, shown in found
             if shown.rows
         ),

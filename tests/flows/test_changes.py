@@ -239,6 +239,15 @@ def test_the_page_of_a_study_shows_analyses_and_their_figures(finished, tmp_path
     assert "| steps |" in text
     with PIL.Image.open(tmp_path / "study" / "one_leg_drawn_BC_0.png") as image:
         assert image.width > 300
+    capsys.readouterr()
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    assert call(["report", *arguments, "--output", str(alone / "study.html"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["files"] == [str(alone / "study.html")] == [*map(str, alone.iterdir())]
+    page = (alone / "study.html").read_text()
+    assert '<img src="data:image/png;base64,' in page
+    titles = re.findall(r"^## (.+)$", text, re.M)
+    assert re.findall(r"<section id=.*>\n<h2>(.+)</h2>", page) == titles
 
 
 def test_several_configurations_share_a_page(finished, tmp_path, monkeypatch, capsys):

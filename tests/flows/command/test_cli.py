@@ -118,8 +118,8 @@ def test_damage_is_found_and_fails_the_command(capsys, store, episodes):
         (["stage", "train", "-c", str(SMOKE), "--condition", "bc"], "needs what dataset makes, and the store lacks it"),
         (["explain", "train", "-c", str(SMOKE), "--seed", "5"], "the study has no seed 5"),
         (["explain", "report", "-c", str(SMOKE)], "the report needs evaluations that are not in the store"),
-        (["report", str(SMOKE), "-o", "page.html"], "Markdown page 'page.html' must end in .md"),
-        (["report", str(SMOKE), "-o", "/nowhere/page.md"], "folder '/nowhere' for the Markdown page does not exist"),
+        (["report", str(SMOKE), "-o", "page.pdf"], "page 'page.pdf' must end in .md or .html"),
+        (["report", str(SMOKE), "-o", "/nowhere/page.md"], "folder '/nowhere' for the page does not exist"),
     ],
 )
 def test_mistake_gets_one_sentence(capsys, store, arguments, message):
