@@ -87,6 +87,15 @@ class BackboneConfig(MemberConfig):
             ValueError: With a sentence that says why.
         """
 
+    def check_stored(self) -> None:
+        """Refuse a configuration that lies beside learned weights if these were learned by another network.
+
+        What is stored says every setting, the usual ones too: one that is not there came after the weights.
+
+        Raises:
+            ValueError: With a sentence that says what was different.
+        """
+
     @property
     def num_features(self) -> int:
         """Length C of its features."""

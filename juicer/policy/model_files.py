@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from juicer.config import ConfigT
+from juicer.config import ConfigT, models_in
 from juicer.errors import InvalidCheckpoint
 from juicer.policy.config import MOST_PARAMETERS
+from juicer.policy.members import BackboneConfig
 from juicer.policy.refusals import refusals_as_os_errors
 from juicer.policy.tensor_files import opened_tensors
 from juicer.problems import first_problem, show
@@ -37,7 +38,8 @@ def read_metadata(path: Path, model: type[ConfigT], version: int, what: str, ane
         anew: What to do about one of an older version, e.g. ``train the policy again``.
 
     Raises:
-        InvalidCheckpoint: If it is missing, damaged, of another version, or not what the model says.
+        InvalidCheckpoint: If it is missing, damaged, of another version, or not what the model says; or if the weights
+            were learned by another network than is meant now.
     """
     if path.is_symlink():
         raise InvalidCheckpoint(f"'{path}' is a link; {what} holds its files itself")
@@ -59,10 +61,12 @@ def read_metadata(path: Path, model: type[ConfigT], version: int, what: str, ane
             f"'{path}' has schema version {show(found)}, this version of juicer reads {version}; {remedy}"
         )
     try:
-        return model.model_validate(content)
+        metadata = model.model_validate(content)
     except ValidationError as error:
         problem = first_problem(error, content, model)
         raise InvalidCheckpoint(f"'{path}' is not valid: {problem.sentence}") from None
+    _check_backbones(path, metadata, anew)
+    return metadata
 
 
 def write_weights(path: Path, weights: Mapping[str, Tensor], poses_taught: bool = False) -> None:
@@ -117,6 +121,16 @@ def read_weights(path: Path, expected: Mapping[str, Tensor]) -> dict[str, Tensor
         if not bool(tensor.isfinite().all()):
             raise InvalidCheckpoint(f"weights '{path}' cannot be used: '{name}' holds numbers that are not finite")
     return weights
+
+
+def _check_backbones(path: Path, metadata: BaseModel, anew: str) -> None:
+    """Refuse weights that were learned by other backbones than are meant now."""
+    try:
+        for each in models_in(metadata):
+            if isinstance(each, BackboneConfig):
+                each.check_stored()
+    except ValueError as error:
+        raise InvalidCheckpoint(f"'{path.parent}' cannot be used: {error}; {anew}") from None
 
 
 def _misfit(path: Path, difference: str) -> InvalidCheckpoint:

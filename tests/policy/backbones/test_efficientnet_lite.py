@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import matplotlib
@@ -10,14 +11,25 @@ import pytest
 import torch
 from PIL import Image
 
+from juicer.errors import InvalidCheckpoint
 from juicer.policy.backbone import Pixels, build_backbone
 from juicer.policy.backbones.efficientnet_lite.config import EfficientNetLiteConfig
+from juicer.policy.checkpoint import Checkpoint, CheckpointMetadata, go_on_from, load_policy, save_checkpoint
+from juicer.policy.config import PolicyConfig
+from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
+from juicer.policy.encoders.estimated.estimator import build_estimator
+from juicer.policy.encoders.estimated.files import ESTIMATOR_FILE, load_estimator, save_estimator
+from juicer.policy.encoders.images.config import ImagesConfig
+from juicer.policy.heads.mlp.config import MLPHeadConfig
+from juicer.policy.network import build_policy
 from juicer.policy.pretrained.files import places, read_weights_file
 from juicer.policy.pretrained.loading import Pretrained, load_pretrained, read_tensors
+from juicer.views import View
 
 CONFIG = EfficientNetLiteConfig(weights="efficientnet_lite0")
 MILITARY_UNIFORM = 652
 NOWHERE = Path("/nowhere")
+VIEWS = {"front": View(camera="front", width=16, height=16)}
 
 
 @pytest.mark.skipif(
@@ -42,3 +54,38 @@ def test_it_sees_an_admiral_in_her_uniform():
     # As bright and as varied as what it has learned from.
     variance = stem[0].var(dim=(0, 2, 3)) / file["_bn0.running_var"]
     assert 0.5 < float(variance.median()) < 2
+
+
+def as_before_its_pixels_were_right(path):
+    """What a file that was written then says: it has no word about pixels."""
+    content = json.loads(path.read_text(), object_hook=lambda part: {key: part[key] for key in part if key != "pixels"})
+    path.write_text(json.dumps(content))
+
+
+def test_a_policy_that_has_learned_from_other_pixels_neither_acts_nor_is_gone_on_from(tasks, tmp_path):
+    eyes = ImagesConfig(views=VIEWS, backbone=EfficientNetLiteConfig(), projection=8)
+    policy = PolicyConfig(observation={"eyes": eyes}, head=MLPHeadConfig(width=16, blocks=1))
+    network = build_policy(policy, tasks, seed=0)
+    metadata = CheckpointMetadata(policy=policy, tasks=tasks, acting_weights="raw", step=1)
+    save_checkpoint(tmp_path, Checkpoint(metadata, network.state_dict(), None))
+    go_on_from(network, tmp_path)
+    as_before_its_pixels_were_right(tmp_path / "policy.json")
+    refusal = "EfficientNet-Lite0 was shown pixels .* too strong; train the policy again"
+    with pytest.raises(InvalidCheckpoint, match=refusal):
+        load_policy(tmp_path, "toy")
+    with pytest.raises(InvalidCheckpoint, match=refusal):
+        go_on_from(network, tmp_path)
+
+
+def test_an_estimator_that_has_learned_from_other_pixels_is_refused(spec, tmp_path):
+    config = EstimatedConfig(estimator=EstimatorConfig(views=VIEWS, backbone=EfficientNetLiteConfig(), width=16))
+    save_estimator(tmp_path, build_estimator(config, "toy", spec, seed=0))
+    as_before_its_pixels_were_right(tmp_path / ESTIMATOR_FILE)
+    with pytest.raises(InvalidCheckpoint, match="too strong; make the estimator again"):
+        load_estimator(tmp_path)
+
+
+def test_features_of_other_pixels_are_another_column():
+    # Its name before the pixels were right: a dataset that has only such a column is refused.
+    frozen = ImagesConfig(views=VIEWS, backbone=CONFIG, frozen=True)
+    assert frozen.column("front") != "front_efficientnet_lite_96678e53"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
+from pydantic import Field
+
 from juicer.policy.members import BackboneConfig, Colour
 
 FEATURES = 1280
@@ -19,6 +21,15 @@ class EfficientNetLiteConfig(BackboneConfig):
 
     kind: Literal["efficientnet_lite"] = "efficientnet_lite"
     variant: Literal["lite0"] = "lite0"
+    pixels: Literal["minus_one_to_one"] = Field(
+        default="minus_one_to_one",
+        description="what it is shown of dark to bright; stored with what has learned from it, as it once was another",
+    )
+
+    def check_stored(self) -> None:
+        """See :class:`juicer.policy.members.BackboneConfig`."""
+        if "pixels" not in self.model_fields_set:
+            raise ValueError("it may be of the time when EfficientNet-Lite0 was shown pixels 2.2 times too strong")
 
     @property
     def num_features(self) -> int:
