@@ -39,7 +39,10 @@ def render(
     reader = EpisodeReader(context.store.open(episodes, "episodes"))
     covered = kept_of(reader, (context.store.open(each, "selection") for each in selections))
     with drawing_of(reader, (view,), context.machine.workers, np.flatnonzero(covered).tolist()) as drawing:
-        require_room(context.draft.path, drawing.stored_bytes(), f"the images of {view} of {episodes}")
+        # Images are drawn to be learned from: a disk without room for that is better told before the work.
+        needed = drawing.stored_bytes() + drawing.unpacked_bytes
+        what = f"the images of {view} of {episodes}, and the same unpacked while a policy learns from them,"
+        require_room(context.draft.path, needed, what)
         write_columns(
             context.draft.path,
             [view.column],

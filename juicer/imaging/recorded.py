@@ -98,6 +98,11 @@ class RecordedImages:
         )
         return stored / sampled * self.num_steps
 
+    @property
+    def unpacked_bytes(self) -> int:
+        """What all of them take raw, as a training that learns from them unpacks them."""
+        return self.num_steps * sum(view.height * view.width * 3 for view in self._views)
+
     def episodes(
         self, progress: Progress = silent_progress, make: MadeOfImages = _as_they_are
     ) -> Iterator[dict[str, Array]]:

@@ -157,6 +157,17 @@ def test_a_disk_too_small_is_told_before_with_both_sizes(drawing, demonstrations
         render(session(store), episodes=episodes, config=RenderConfig(view=View(camera="wrist")))
 
 
+def test_the_room_to_learn_from_them_is_asked_for_before_they_are_drawn(drawing, demonstrations, monkeypatch):
+    store, episodes = demonstrations
+    view = View(camera="wrist", width=64, height=48)
+    raw = int(EpisodeReader(store.open(episodes)).episode_ends[-1]) * 64 * 48 * 3
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: Disk(raw))
+    with pytest.raises(StoreNotWritable, match="and the same unpacked while a policy learns from them, take about"):
+        render(session(store), episodes=episodes, config=RenderConfig(view=view))
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: Disk(2 * raw))
+    render(session(store), episodes=episodes, config=RenderConfig(view=view))
+
+
 def test_the_size_that_is_told_is_that_on_the_disk(demonstrations, images):
     store, episodes = demonstrations
     with recorded.drawing_of(EpisodeReader(store.open(episodes)), (SMALL,), workers=1) as drawn:
