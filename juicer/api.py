@@ -177,7 +177,9 @@ def load_curves(store: ArtifactStore, name: str) -> pd.DataFrame:
     return curve_table(read_curves(store.open(find(store, name, "checkpoint"))))
 
 
-def load_policy(store: ArtifactStore, name: str, task: str | None = None, device: str = "cpu") -> Policy:
+def load_policy(
+    store: ArtifactStore, name: str, task: str | None = None, device: str = "cpu", max_steps: int | None = None
+) -> Policy:
     """Policy of a checkpoint, ready to act.
 
     Args:
@@ -185,13 +187,16 @@ def load_policy(store: ArtifactStore, name: str, task: str | None = None, device
         name: See :func:`find`.
         task: Assembly task; may be left out if the policy was trained for one only.
         device: Torch device that computes the actions, e.g. ``cuda``.
+        max_steps: Steps that its episodes may take, if more than the task's own limit: a replay, which never looks
+            again, holds its last action that long, and would begin anew behind it. Others need not know.
 
     Raises:
-        JuicerError: If it is not there or damaged, was not trained for the task, or torch lacks the device.
+        JuicerError: If it is not there or damaged, was not trained for the task, or torch lacks the device; or if
+            ``max_steps`` is not a number of steps.
     """
     from juicer.library.policies import load_policy
 
-    return load_policy(store, find(store, name, "checkpoint"), task, device)
+    return load_policy(store, find(store, name, "checkpoint"), task, device, max_steps)
 
 
 def tasks() -> pd.DataFrame:

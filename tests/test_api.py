@@ -222,6 +222,17 @@ def test_a_policy_of_one_task_needs_no_name_of_it(store: ArtifactStore, tmp_path
         api.load_policy(several, draft.ref.id)
 
 
+def test_a_replay_is_told_how_long_its_episodes_may_take(store: ArtifactStore, insertions: list[Episode]):
+    last = insertions[0].steps["action"][-1]
+    seen = {"part_poses": insertions[0].steps["part_poses"][:1]}
+    for told, steps in ((None, 100), (20, 100), (250, 250)):
+        replay = api.load_policy(store, "ta_ci", max_steps=told)
+        assert replay.action_horizon == steps
+        np.testing.assert_array_equal(replay.predict(seen, [np.random.default_rng(0)])[0, -1], last)
+    with pytest.raises(ConfigError, match="max_steps must be a whole number of at least 1, got 0"):
+        api.load_policy(store, "ta_ci", max_steps=0)
+
+
 def test_an_evaluation_of_ones_own_is_compared_with_a_stored_one(store: ArtifactStore):
     stored = api.load_evaluation(store, "ta_ci")
     seeds = [row.seed for row in stored.rows]
