@@ -81,7 +81,9 @@ class TrainingConfig(StrictConfig):
     validation_fraction: float = Field(default=0.05, ge=0, lt=1, description="share of the episodes held out")
     validate_every: Steps = Field(default=1000, description="steps")
     report_every: Steps = Field(default=50, description="steps")
-    save_every: Steps = Field(default=500, description="steps between saves of the state to resume from")
+    save_every: Steps = Field(
+        default=500, description="steps between saves of the state to resume from; it is saved once a minute anyway"
+    )
 
     @model_validator(mode="after")
     def _warmup_ends(self) -> Self:

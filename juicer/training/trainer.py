@@ -38,6 +38,8 @@ from juicer.training.use import SourceUse, check_tasks, check_use, measure_use, 
 from juicer.training.validation import validate
 from juicer.training.windows import TrainingEpisodes, Windows, concatenate, cut_windows, split_episodes, window_weights
 
+LONGEST_UNSAVED_S = 60.0
+"""Steps of large images take seconds each: so long at most does a training learn before its state is saved."""
 LOADERS = 4
 """Processes that gather the images of a batch beside a GPU, if nobody says how many."""
 
@@ -286,7 +288,7 @@ class _Loop:
         """Train to the end, from the state in ``scratch`` if there is one; returns facts about the result."""
         config = self._config
         first = self._resume(identity, scratch)
-        started = time.monotonic()
+        started = saved = time.monotonic()
         for step, batch in enumerate(self._batches(first, config.steps), first):
             self._loss_sum += self.learner.learn(batch, step)
             done = step + 1
@@ -299,9 +301,11 @@ class _Loop:
                 continue
             if done % config.validate_every == 0 or done == config.steps:
                 self._validate(done)
-            if scratch is not None and done % config.save_every == 0 and done < config.steps:
+            is_due = done % config.save_every == 0 or time.monotonic() - saved > LONGEST_UNSAVED_S
+            if scratch is not None and is_due and done < config.steps:
                 tensors = {**self.learner.tensors(), "loss_sum": self._loss_sum}
                 save_state(scratch, TrainingState(identity, done, tensors))
+                saved = time.monotonic()
         return self._facts
 
     def _resume(self, identity: str, scratch: Path | None) -> int:

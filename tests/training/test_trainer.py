@@ -192,6 +192,20 @@ def test_every_head_resumes_bit_for_bit(episodes, tasks, training_config, tmp_pa
     assert_equal_checkpoints(train(*arguments, seed=3).checkpoint, resumed.checkpoint)
 
 
+def test_steps_that_take_long_are_saved_more_often(
+    episodes, tasks, policy_config, training_config, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("juicer.training.trainer.LONGEST_UNSAVED_S", 0.0)
+    changes = {"steps": 10, "warmup_steps": 2, "save_every": 100, "report_every": 1}
+    arguments = ([episodes()], policy_config, tasks, training_config.model_copy(update=changes))
+    with pytest.raises(KilledError):
+        train(*arguments, seed=3, scratch=tmp_path, progress=kill_at(6))
+    steps: list[int] = []
+    resumed = train(*arguments, seed=3, scratch=tmp_path, progress=lambda done, *_, **__: steps.append(done))
+    assert steps == [6, 7, 8, 9, 10]
+    assert_equal_checkpoints(train(*arguments, seed=3).checkpoint, resumed.checkpoint)
+
+
 @pytest.mark.parametrize(("has_bfloat16", "precision"), [(True, "bf16"), (False, "fp32")])
 def test_what_the_processor_chose_is_told(
     episodes, tasks, policy_config, training_config, monkeypatch, has_bfloat16, precision
