@@ -14,6 +14,7 @@ from PIL import Image
 from juicer.errors import InvalidCheckpoint
 from juicer.policy.backbone import Pixels, build_backbone
 from juicer.policy.backbones.efficientnet_lite.config import EfficientNetLiteConfig
+from juicer.policy.backbones.efficientnet_lite.network import Depthwise
 from juicer.policy.checkpoint import Checkpoint, CheckpointMetadata, go_on_from, load_policy, save_checkpoint
 from juicer.policy.config import PolicyConfig
 from juicer.policy.encoders.estimated.config import EstimatedConfig, EstimatorConfig
@@ -54,6 +55,26 @@ def test_it_sees_an_admiral_in_her_uniform():
     # As bright and as varied as what it has learned from.
     variance = stem[0].var(dim=(0, 2, 3)) / file["_bn0.running_var"]
     assert 0.5 < float(variance.median()) < 2
+
+
+def test_on_processors_each_channel_is_looked_around_in_alone_in_single_precision():
+    images = torch.rand(2, 8, 9, 9)
+    layer = Depthwise(8, 5, 2)
+
+    def learned(images):
+        layer.weight.grad = None
+        seen = layer(images)
+        seen.float().square().sum().backward()
+        return seen, layer.weight.grad
+
+    seen, gradient = learned(images)
+    with torch.autocast("cpu", torch.bfloat16):
+        seen_then, gradient_then = learned(images)
+        halved, _ = learned(images.bfloat16())
+    assert torch.equal(seen_then, seen)
+    assert torch.equal(gradient_then, gradient)
+    assert seen.shape == (2, 8, 5, 5)
+    assert halved.dtype is torch.bfloat16, "what follows computes as it would without"
 
 
 def as_before_its_pixels_were_right(path):
