@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from juicer.errors import ConfigError
+from juicer.expert.clearing import Clearing
 from juicer.expert.corner import Corner
 from juicer.expert.habits import Habits
 from juicer.expert.mounting import Mounting, ScrewMounting
@@ -32,6 +33,7 @@ class AssemblyOperator:
         """
         self._habits = habits
         self._corner = Corner(task, habits)
+        self._clearing = Clearing(task, self._corner, habits)
         self._mountings = [
             _MOUNTINGS[pair.joint](task, PairView(task, index, _handling(task, pair.second)), habits)
             for index, pair in enumerate(task.pairs)
@@ -49,6 +51,8 @@ class AssemblyOperator:
             begun = any(each.is_begun(sight) for each in self._mountings)
             if begun or self._corner.is_home(sight, 0.008, math.radians(6)):
                 sight = yield from mounting.step(sight)
+            elif (in_the_way := self._clearing.next_part(sight)) is not None:
+                sight = yield from self._clearing.lay_aside(sight, in_the_way)
             else:
                 sight = yield from self._corner.push_home(sight)
 

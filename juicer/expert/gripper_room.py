@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
-from juicer.expert.pose import Pose, Vector
+from juicer.expert.pose import Pose, Vector, turned
 from juicer.expert.sight import Sight
 from juicer.sim.scene import FENCE, FENCE_HEIGHT_M
-from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask
+from juicer.tasks.handling import Handling
+from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask, PartSpec
 
 
 @dataclass(frozen=True)
@@ -43,8 +45,8 @@ _FENCE = tuple(
 )
 _SHIFTS_M = (0.03, 0.05, 0.07, 0.09)
 _DIRECTIONS = np.array([[math.cos(angle), math.sin(angle), 0.0] for angle in np.arange(8) * math.pi / 4])
-# Robot base frame (x, y): where a tilted end effector can still pick up something that lies on the table.
-_REACHABLE = np.array([[0.32, -0.30], [0.50, 0.30]])
+REACHABLE = np.array([[0.32, -0.30], [0.50, 0.30]])
+"""Robot base frame (x, y) [m]: where a tilted end effector can still pick up something that lies on the table."""
 
 
 def obstacles(task: AssemblyTask, sight: Sight, grasped: int) -> list[Block]:
@@ -60,14 +62,54 @@ def obstacles(task: AssemblyTask, sight: Sight, grasped: int) -> list[Block]:
     ]
 
 
-def has_room(end_effector: Pose, blocks: Sequence[Block]) -> bool:
-    """Whether an open gripper at a pose keeps clear of all blocks."""
-    return all(_is_clear(Block(end_effector @ own.pose, own.half_size), blocks) for own in _HAND)
+def solids(task: AssemblyTask, sight: Sight, grasped: int) -> list[Block]:
+    """Boxes of all parts but the one to be grasped, each turned as it is, and the panels of their shells."""
+    return [
+        Block(sight.part(index) @ block.pose, block.half_size)
+        for index, part in enumerate(task.parts)
+        if index != grasped
+        for block in _shape(part)
+    ]
 
 
-def clears_fence(end_effector: Pose) -> bool:
-    """Whether an open gripper at a pose touches no bar of the fence."""
-    return has_room(end_effector, _FENCE)
+def surroundings(task: AssemblyTask, sight: Sight, grasped: int) -> list[Block]:
+    """Boxes around all parts but the first and the one to be grasped, and the first part's :func:`solids`."""
+    around = [
+        Block(sight.part(index), np.array(part.handling.half_size_m))
+        for index, part in enumerate(task.parts)
+        if index != grasped and isinstance(part.handling, Handling)
+    ]
+    return around + [Block(sight.part(0) @ block.pose, block.half_size) for block in _shape(task.parts[0])]
+
+
+@cache
+def _shape(part: PartSpec) -> tuple[Block, ...]:
+    """Boxes and panels of a part in its own frame; a conical shell's are upright, and as thick as it is wide."""
+    up = np.array([0.0, 1.0, 0.0])
+    blocks = [
+        Block(Pose(np.array(box.center), turned(box.yaw_rad * up, np.eye(3))), np.array(box.half_size))
+        for box in part.boxes
+    ]
+    for shell in part.shells:
+        inner = min(shell.bottom_radius, shell.top_radius)
+        outer = max(shell.bottom_radius, shell.top_radius) + shell.thickness
+        half_y = (shell.top_y - shell.bottom_y) / 2
+        half_size = np.array([outer * math.tan(math.pi / shell.panels), half_y, (outer - inner) / 2])
+        middle = np.array([0.0, shell.bottom_y + half_y, (outer + inner) / 2])
+        for panel in range(shell.panels):
+            rotation = turned(2 * math.pi * panel / shell.panels * up, np.eye(3))
+            blocks.append(Block(Pose(rotation @ middle, rotation), half_size))
+    return tuple(blocks)
+
+
+def has_room(end_effector: Pose, blocks: Sequence[Block], margin_m: float = 0.0) -> bool:
+    """Whether an open gripper at a pose keeps clear of all blocks, and by how much at least."""
+    return all(is_clear(Block(end_effector @ own.pose, own.half_size + margin_m), blocks) for own in _HAND)
+
+
+def clears_fence(end_effector: Pose, margin_m: float = 0.0) -> bool:
+    """Whether an open gripper at a pose keeps clear of every bar of the fence, and by how much at least."""
+    return has_room(end_effector, _FENCE, margin_m)
 
 
 def nearest_room(end_effector: Pose, part: Block, blocks: Sequence[Block]) -> Vector | None:
@@ -82,15 +124,16 @@ def nearest_room(end_effector: Pose, part: Block, blocks: Sequence[Block]) -> Ve
         for direction in _DIRECTIONS:
             shift: Vector = distance * direction
             place = Pose(part.pose.position + shift, part.pose.rotation)
-            reachable = (place.position[:2] >= _REACHABLE[0]).all() and (place.position[:2] <= _REACHABLE[1]).all()
-            if not reachable or not _is_clear(Block(place, part.half_size), blocks):
+            reachable = (place.position[:2] >= REACHABLE[0]).all() and (place.position[:2] <= REACHABLE[1]).all()
+            if not reachable or not is_clear(Block(place, part.half_size), blocks):
                 continue
             if has_room(Pose(end_effector.position + shift, end_effector.rotation), blocks):
                 return shift
     return None
 
 
-def _is_clear(block: Block, others: Sequence[Block]) -> bool:
+def is_clear(block: Block, others: Sequence[Block]) -> bool:
+    """Whether a box touches none of the others."""
     return not any(_overlap(block, other) for other in others)
 
 

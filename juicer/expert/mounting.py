@@ -11,10 +11,12 @@ import math
 import numpy as np
 
 from juicer.expert.corner import PUSH_LEAD_M, leave
-from juicer.expert.gripper_room import Block, clears_fence, has_room, nearest_room, obstacles
+from juicer.expert.gripper_room import REACHABLE, Block, clears_fence, nearest_room, obstacles
 from juicer.expert.habits import Habits
-from juicer.expert.pair_view import EASY_YAW_RAD, STROKE_END_RAD, PairView, Seat, downward
-from juicer.expert.pose import UP, Matrix, Pose, Vector, cross, heading, length, swing, turned, wrapped
+from juicer.expert.laying import Laying
+from juicer.expert.pair_view import STROKE_END_RAD, PairView, Seat, downward
+from juicer.expert.picking import Picking, Shift
+from juicer.expert.pose import UP, Matrix, Pose, Vector, length, turned
 from juicer.expert.sight import Sight
 from juicer.expert.skills import (
     CLOSE,
@@ -55,7 +57,6 @@ _UPRIGHT_RAD, _LEANS_FAR_RAD, _LEANS_FAR_M = math.radians(12), math.radians(12),
 _ROCK_RAD, _SIDEWAYS = math.radians(6), np.array([0.0, 1.0, 0.0])
 _CLEAR_OF_PART_M = 0.06
 _AWAY_M = 0.05
-_FINGER_PLAY_M = 0.008
 # Height from which a part is dropped to be grasped anew.
 _PUT_BACK_M = 0.07
 _HIGHEST_M = 0.30
@@ -77,6 +78,8 @@ class Mounting:
         self._task = task
         self.view = view
         self._handling = view.handling
+        self._picking = Picking(task, view, habits)
+        self._laying = Laying(task, view, habits)
         self._habits = habits
         self._fumbles = view.part_index in habits.fumbles
 
@@ -94,12 +97,15 @@ class Mounting:
         """Grasp the part, one that lies with a tilted gripper, so that it can stand up without meeting the gripper."""
         view, habits = self.view, self._habits
         tilt = self._pick_tilt(sight)
-        if self._room(sight, tilt) is None:
+        if self._is_cramped(sight, tilt):
+            sight = yield from self.lay_free(sight)
+            tilt = self._pick_tilt(sight)
+        elif self._picking.room(sight, tilt) is None:
             sight = yield from self.pull_free(sight)
-        aside = self._room(sight, tilt) or 0.0
+        shift = self._picking.room(sight, tilt) or Shift()
 
         def grasp(sight: Sight) -> Pose:
-            pose = self._pick_grasp(sight, tilt, aside)
+            pose = self._picking.grasp(view.part(sight), tilt, shift)
             short_m = view.clear_of_part(sight) + habits.fumble_m - float(pose.position[2]) if self._fumbles else 0.0
             return above(pose, max(0.0, short_m))
 
@@ -115,20 +121,27 @@ class Mounting:
             return (yield from self._leave(sight, "let go"))
         return sight
 
+    def lay_free(self, sight: Sight) -> Skill:
+        """Lay the part where a tilted gripper can pick it up."""
+        place = self._laying.place(sight, lambda _: True)
+        if place is None:
+            return sight
+        return (yield from self._laying.lay(sight, place, f"the hemmed-in {self.view.label}"))
+
     def pull_free(self, sight: Sight) -> Skill:
         """Pull the lying part out from among the other parts with an upright end effector, which needs less room."""
         view, habits = self.view, self._habits
         part = view.part(sight)
-        tilted = self._pick_grasp(sight, self._pick_tilt(sight), 0.0)
+        tilted = self._picking.grasp(part, self._pick_tilt(sight), Shift())
         others = obstacles(self._task, sight, grasped=view.part_index)
         shift = nearest_room(tilted, Block(part, np.array(view.handling.half_size_m)), others)
         if shift is None:
             return sight
         place = Pose(part.position + shift, part.rotation)
-        aside = self._room(sight, 0.0) or 0.0
+        aside = self._picking.room(sight, 0.0) or Shift()
 
         def grasp(sight: Sight) -> Pose:
-            return self._pick_grasp(sight, 0.0, aside)
+            return self._picking.grasp(view.part(sight), 0.0, aside)
 
         def pull(sight: Sight) -> Pose:
             goal = holding(sight, view.part(sight), place)
@@ -212,43 +225,28 @@ class Mounting:
     def _leave(self, sight: Sight, phase: str) -> Skill:
         return (yield from leave(sight, self.view.open_width_m, self._habits, phase))
 
+    def _is_cramped(self, sight: Sight, tilt_rad: float) -> bool:
+        """Whether not even an upright gripper has room at the usual grasp, or the fence forbids to tilt it far off."""
+        if not self._handling.lies or not self._laying.can_be_grasped(sight):
+            return False
+        x, y, _ = self.view.part(sight).position
+        far_off = not ((REACHABLE[0] <= (x, y)).all() and ((x, y) <= REACHABLE[1]).all())
+        if far_off and tilt_rad < self._full_tilt(sight):
+            return True
+        return self._picking.room(sight, tilt_rad) is None and self._picking.room(sight, 0.0) is None
+
+    def _full_tilt(self, sight: Sight) -> float:
+        nearer_m = max(0.0, _FAR_X_M - float(self.view.seat_pose(sight).position[0]))
+        return self._habits.tilt_rad + _TILT_RAD_M * nearer_m
+
     def _pick_tilt(self, sight: Sight) -> float:
         """Tilt of the gripper that picks up the part; what it is short of upright, it will be tilted over the hole."""
         if not self._handling.lies:
             return 0.0
-        nearer_m = max(0.0, _FAR_X_M - float(self.view.seat_pose(sight).position[0]))
-        tilt = self._habits.tilt_rad + _TILT_RAD_M * nearer_m
-        while tilt > 0 and not clears_fence(self._pick_grasp(sight, tilt, 0.0)):
+        tilt = self._full_tilt(sight)
+        while tilt > 0 and not clears_fence(self._picking.grasp(self.view.part(sight), tilt, Shift())):
             tilt -= _LESS_TILT_RAD
         return tilt
-
-    def _pick_grasp(self, sight: Sight, tilt_rad: float, aside_m: float) -> Pose:
-        """Grasp over the part: across one that lies, tilted back towards its peg, else straight down on its flats."""
-        part, handling = self.view.part(sight), self._handling
-        axis = part.rotation[:, 1]
-        if not handling.lies:
-            flat = heading(part.rotation[:, 0]) + handling.flat_rad
-            turn = self._habits.turn(handling.flat_every_rad)
-            yaw = EASY_YAW_RAD + wrapped(flat - EASY_YAW_RAD, handling.flat_every_rad) + turn
-            # One that was knocked over leans on something: the end effector leans with it.
-            upwards = axis if axis[2] > 0 else -axis
-            return Pose(part.position + handling.pick_m * axis, turned(swing(UP, upwards), downward(yaw)))
-        along = axis - axis[2] * UP
-        along = along / max(length(along), 1e-6)
-        c, s = math.cos(tilt_rad), math.sin(tilt_rad)
-        x, z = c * along - s * UP, -c * UP - s * along
-        y = cross(z, x)
-        height = self._habits.pick_height_m - handling.pick_below_m
-        where = (handling.pick_m + self._habits.pick_offset_m) * axis + height * UP
-        return Pose(part.position + where + aside_m * y, np.column_stack([x, y, z]))
-
-    def _room(self, sight: Sight, tilt_rad: float) -> float | None:
-        """Smallest shift across the part with which the gripper clears the other parts; None if there is none."""
-        others = obstacles(self._task, sight, grasped=self.view.part_index)
-        for aside in (0.0, _FINGER_PLAY_M, -_FINGER_PLAY_M):
-            if has_room(self._pick_grasp(sight, tilt_rad, aside), others):
-                return aside
-        return None
 
     def _standing(self, sight: Sight) -> Pose:
         part = self.view.part(sight)

@@ -1,4 +1,4 @@
-"""What an operator makes of a part to be mounted: is it held, how does it stand to its seat, is it in its hole?"""
+"""What an operator makes of a part to be mounted: how does it stand to its seat, is it in its hole?"""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from juicer.expert.part_view import PartView
 from juicer.expert.pose import (
     UP,
     Matrix,
@@ -29,10 +30,7 @@ STROKE_END_RAD = math.radians(-5)
 EASY_YAW_RAD = math.radians(40)
 """Yaw of an end effector that points down from which the wrist can turn far both ways."""
 
-_FINGER_TIP_M = 0.014
-"""How far the fingers reach below the end effector's own point, and a little more."""
 _FORWARDS = np.array([1.0, 0.0, 0.0])
-OPEN_SHARE = 0.89
 # Height above its seat at which a part clears the hole, beyond the hole's depth.
 _CLEAR_M = 0.036
 _ENGAGED_M, _ENGAGED_HEIGHT_M = 0.022, (-0.006, 0.020)
@@ -56,21 +54,20 @@ class Seat:
     lean_rad: float
 
 
-class PairView:
+class PairView(PartView):
     """Reads a scene for one pair of a task: a part that is mounted on another, its mate."""
 
     def __init__(self, task: AssemblyTask, pair_index: int, handling: Handling) -> None:
         """Look at a pair of ``task``."""
         pair = task.pairs[pair_index]
-        self.part_index, self.mate_index = pair.second, pair.first
+        super().__init__(task, pair.second, handling)
+        self.mate_index = pair.first
         self.label, self._any_rotation = pair.label, pair.any_rotation
-        self.handling = handling
         self._target = pose_of(pair.targets[pair.operator_target])
         # Upwards along the seat's axis: the part may have its y axis down.
         self._upwards = 1.0 if float(self._target.rotation[:, 1] @ self._target.position) > 0 else -1.0
         self.depth_m = self._thread_m(task.parts[pair.first], task.parts[pair.second]) + handling.around_m
         self.clear_m = self.depth_m + _CLEAR_M if handling.clear_m is None else handling.clear_m
-        self.open_width_m = OPEN_SHARE * task.gripper_width_m
 
     def _thread_m(self, mate: PartSpec, part: PartSpec) -> float:
         """How deep in its bore the tip of the part's peg is once it is mounted; 0 for a part without a peg [m]."""
@@ -80,16 +77,6 @@ class PairView:
         tip_y = seat_y + part.pegs[0].tip_y * float(self._target.rotation[1, 1])
         rim_y = max((y for bore in mate.bores for y in (bore.bottom_y, bore.top_y)), key=lambda y: y * seat_y)
         return abs(rim_y - tip_y)
-
-    def part(self, sight: Sight) -> Pose:
-        """Pose of the part."""
-        return sight.part(self.part_index)
-
-    def clear_of_part(self, sight: Sight) -> float:
-        """Height at which an end effector passes over the part [m]."""
-        part = self.part(sight)
-        half_m = float(np.abs(part.rotation[2]) @ self.handling.half_size_m)
-        return float(part.position[2]) + half_m + _FINGER_TIP_M
 
     def seat_pose(self, sight: Sight) -> Pose:
         """Pose of the part once it is mounted."""
@@ -125,22 +112,6 @@ class PairView:
         seat = self.seat(sight)
         low, high = _ENGAGED_HEIGHT_M
         return seat.aside_m < _ENGAGED_M and low < seat.height_m < high and seat.lean_rad < _ENGAGED_LEAN_RAD
-
-    def is_held(self, sight: Sight) -> bool:
-        """Whether the gripper holds the part."""
-        width = self.handling.pick_width_m
-        if not width - 0.003 < sight.width < width + 0.0035:
-            return False
-        x, y, z = (self.part(sight).inverse() @ sight.end_effector).position.tolist()
-        return bool(max(abs(x), abs(z)) < 0.012 and -0.0365 < y - self.handling.pick_m < 0.0235)
-
-    def is_closed_on_part(self, sight: Sight) -> bool:
-        """Whether the fingers have closed as far as the part between them lets them."""
-        return sight.width < max(self.handling.pick_width_m, self.handling.screw_width_m) + 0.0006
-
-    def is_open(self, sight: Sight) -> bool:
-        """Whether the gripper is open."""
-        return sight.width > self.open_width_m
 
     def upright(self, sight: Sight) -> Matrix:
         """Rotation of the part that stands on its mate, so turned that the end effector leads away from the robot.

@@ -55,10 +55,10 @@ class BaseHandling:
     Attributes:
         width_m: Its width between the fingers.
         height_m: Height of the grasp above the table; the operator's habit if None.
-        rim_m: Distance of the grasp from the centre, towards the robot.
+        rim_m: Distance of the grasp from the centre, towards the robot, on whichever side lies there.
         end_effector_yaw_rad: Yaw of the end effector, relative to the part.
         straight: Rotation of the part when it is not turned, by rows.
-        symmetry_rad: Turn after which it looks the same.
+        symmetry_rad: Turn after which it looks the same to whoever pushes it.
     """
 
     width_m: float

@@ -61,7 +61,7 @@ def square_table_top() -> PartSpec:
             rim_m=0.078125,
             end_effector_yaw_rad=math.pi / 2,
             straight=Y_UP,
-            symmetry_rad=2 * math.pi,
+            symmetry_rad=math.pi / 2,
         ),
     )
 
