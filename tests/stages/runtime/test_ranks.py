@@ -61,6 +61,8 @@ TRAINING = TrainingConfig(
 CONFIG = TrainConfig(policy=POLICY, training=TRAINING)
 LONG = CONFIG.model_copy(update={"training": TRAINING.model_copy(update={"steps": 1500, "validate_every": 1500})})
 TWO = Machine(processes=2)
+# With matrix instructions factors are rounded to bfloat16, so that a last digit that differs can become one of 2^-8.
+CURVES_APART, WEIGHTS_APART = (1e-2, 5e-3) if torch.cpu._is_amx_tile_supported() else (1e-4, 1e-5)
 
 
 class Watcher:
@@ -170,7 +172,7 @@ def assert_close_weights(first, second):
         for name, values in one.items():
             if name.endswith("maps.bias"):
                 continue  # a softmax follows, so its gradient is nothing but rounding, of which Adam takes whole steps
-            assert torch.allclose(values, other[name], rtol=1e-3, atol=1e-5), name
+            assert torch.allclose(values, other[name], rtol=1e-3, atol=WEIGHTS_APART), name
 
 
 def test_two_processes_learn_what_one_does_and_listen_to_this_machine_only(learn):
@@ -182,7 +184,7 @@ def test_two_processes_learn_what_one_does_and_listen_to_this_machine_only(learn
     assert len(curves["train/loss"][1]) == TRAINING.steps
     for name, (steps, values) in alone_curves.items():
         assert curves[name][0] == steps
-        assert curves[name][1] == pytest.approx(values, rel=1e-4), name
+        assert curves[name][1] == pytest.approx(values, rel=CURVES_APART), name
     assert_close_weights(alone, checkpoint)
     assert summary["steps"] == TRAINING.steps
     assert addresses[0] <= {"0100007F", "00000000000000000000000001000000"}
@@ -193,7 +195,7 @@ def test_two_processes_learn_from_varied_images_what_one_does(learn):
     alone, alone_curves, _ = learn(Machine(), config=config, name="alone")
     checkpoint, curves, summary = learn(config=config, name="together")
     for name, (_, values) in alone_curves.items():
-        assert curves[name][1] == pytest.approx(values, rel=1e-4), name
+        assert curves[name][1] == pytest.approx(values, rel=CURVES_APART), name
     assert_close_weights(alone, checkpoint)
     assert summary["observes"] == "images"
 
