@@ -27,6 +27,7 @@ from juicer.policy.encoders.estimated.estimator import build_estimator
 from juicer.policy.encoders.features.config import FeaturesConfig
 from juicer.policy.encoders.features.features import state_features
 from juicer.policy.feature_spec import feature_spec
+from juicer.policy.torch_settings import compute_settings
 from juicer.sim.env import AssemblyEnv
 from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import Grasp, Insertion
@@ -194,16 +195,19 @@ def test_its_steps_are_those_of_a_plain_optimiser(threads):
     images = [torch.from_numpy(drawn.images[VIEW.name].copy())]
     schedule = Schedule(config.estimator.learning_rate, WARMUP_STEPS, config.estimator.steps)
     optimisation = Optimisation(plain, schedule, weight_decay=WEIGHT_DECAY, average_decay=AVERAGE_DECAY)
-    for step in range(3):
-        optimisation.forget_gradients()
-        plain.compute_loss(plain.see(images, features[:, :16]), features).backward()
-        torch.nn.utils.clip_grad_norm_(plain.parameters(), LARGEST_GRADIENT)
-        optimisation.step(step)
+    with compute_settings(1, "medium"):
+        for step in range(3):
+            optimisation.forget_gradients()
+            plain.compute_loss(plain.see(images, features[:, :16]), features).backward()
+            torch.nn.utils.clip_grad_norm_(plain.parameters(), LARGEST_GRADIENT)
+            optimisation.step(step)
 
     network = build_estimator(config, "toy", spec(), seed=0)
     learn(network, drawn, drawn_states(32, seed=1), CRITICAL_STATES, seed=0, identity="x")
     for name, value in plain.state_dict().items():
-        torch.testing.assert_close(network.state_dict()[name], value, rtol=1e-3, atol=1e-5, msg=name)
+        # With matrix instructions factors are rounded to bfloat16, half a batch otherwise than a whole one.
+        apart = 1e-3 if torch.cpu._is_amx_tile_supported() else 1e-5
+        torch.testing.assert_close(network.state_dict()[name], value, rtol=1e-3, atol=apart, msg=name)
 
 
 def test_threads_share_a_batch_and_change_nothing_but_last_digits():
