@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from threading import RLock
 from typing import Literal
 
 import torch
@@ -12,6 +13,8 @@ from juicer.errors import ConfigError
 
 Precision = Literal["fp32", "bf16", "auto"]
 MatmulPrecision = Literal["highest", "high", "medium"]
+_SWITCHES = RLock()
+"""Held by the thread whose settings are on: torch has one precision for all threads of a process."""
 
 
 @contextmanager
@@ -19,16 +22,18 @@ def compute_settings(threads: int, matmul_precision: MatmulPrecision) -> Iterato
     """Run with this many threads and this single-precision matrix product.
 
     ``highest`` computes in single precision everywhere. ``medium`` may use bfloat16 (it does on CPUs with AMX:
-    relative error 2e-3; elsewhere on x86 it stays exact and merely takes a faster library).
+    relative error 2e-3; elsewhere on x86 it stays exact and merely takes a faster library). Meanwhile, other threads
+    that ask for settings wait.
     """
-    threads_before, precision_before = torch.get_num_threads(), torch.get_float32_matmul_precision()
-    torch.set_num_threads(threads)
-    torch.set_float32_matmul_precision(matmul_precision)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads_before)
-        torch.set_float32_matmul_precision(precision_before)
+    with _SWITCHES:
+        threads_before, precision_before = torch.get_num_threads(), torch.get_float32_matmul_precision()
+        torch.set_num_threads(threads)
+        torch.set_float32_matmul_precision(matmul_precision)
+        try:
+            yield
+        finally:
+            torch.set_num_threads(threads_before)
+            torch.set_float32_matmul_precision(precision_before)
 
 
 def usable_device(name: str) -> torch.device:
