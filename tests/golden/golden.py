@@ -54,7 +54,7 @@ MAX_STEPS = 400
 
 PHYSICS = ("mujoco", "numpy")
 LEARNING = (*PHYSICS, "torch")
-EXTENSIONS = ("fma", "avx2", "avx512f", "avx512_bf16", "amx_tile")
+EXTENSIONS = ("fma", "avx2", "avx512f", "avx512_bf16", "amx_tile", "amx_fp16")
 """Of x86; by these and the vendor, the libraries choose their ways to add and multiply."""
 
 SMALL = DiffusionConfig(
