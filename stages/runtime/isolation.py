@@ -9,6 +9,7 @@ killed parent, cannot be interrupted one by one, and have no way to report befor
 from __future__ import annotations
 
 import multiprocessing
+import os
 import threading
 from functools import cache, partial
 from multiprocessing.connection import Connection
@@ -37,6 +38,10 @@ PRELOADED = (
 )
 """Imported once, by the process from which all stage processes are forked: it saves their time, and code that is
 edited during a run does not become part of it."""
+
+ALLOCATOR = ("GLIBC_TUNABLES", "glibc.malloc.hugetlb=1")
+"""Variable, and its value, that lets glibc ask the kernel for huge pages: a training step, which goes through hundreds
+of megabytes of weights and activations, takes a tenth to a third less time. Other libraries of C ignore it."""
 
 POLL_SECONDS = 0.2
 SHUTDOWN_SECONDS = 5.0
@@ -97,6 +102,8 @@ def run_isolated(call: StageCall, context: StageContext, stop: threading.Event) 
 @cache
 def _forking() -> ForkServerContext:
     make_socket_folder()
+    # A process reads it as it starts, so it must be there before the one that all others are forked from.
+    os.environ.setdefault(*ALLOCATOR)
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(PRELOADED))
     return context

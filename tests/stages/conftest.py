@@ -55,6 +55,7 @@ def write(context: StageContext, *, config: ToyConfig) -> None:
     context.metrics.log({"length": float(len(text))}, 1)
     context.draft.summary["words"] = config.words
     context.draft.summary["process"] = os.getpid()
+    context.draft.summary["tunables"] = os.environ.get("GLIBC_TUNABLES")
 
 
 @stage(kind="annotations", inputs={"episodes": "episodes"})

@@ -30,6 +30,12 @@ def test_isolated_body_gives_the_same_artifact_from_another_process(toys, isolat
     assert toys.write(session, config=toys.ToyConfig(words=2)) == ref
 
 
+def test_isolated_body_may_have_huge_pages(toys, isolated, store):
+    ref = toys.write(isolated, config=toys.ToyConfig(words=3))
+    # Whoever starts the tests may have set others, which stand.
+    assert store.manifest(ref).summary["tunables"] == os.environ["GLIBC_TUNABLES"]
+
+
 @pytest.mark.parametrize("isolate", [True, False], ids=["isolated", "here"])
 def test_cpu_time_is_that_of_the_body_and_of_the_processes_it_starts(toys, session, store, isolate):
     ref = toys.toil(replace(session, isolate=isolate), config=toys.ToyConfig())
