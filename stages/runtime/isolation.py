@@ -40,8 +40,8 @@ PRELOADED = (
 edited during a run does not become part of it."""
 
 ALLOCATOR = ("GLIBC_TUNABLES", "glibc.malloc.hugetlb=1")
-"""Variable, and its value, that lets glibc ask the kernel for huge pages: a training step, which goes through hundreds
-of megabytes of weights and activations, takes a tenth to a third less time. Other libraries of C ignore it."""
+"""Variable, and its value, that lets glibc ask the kernel for huge pages: where memory is slow, a training step takes a
+tenth to a third less time. Other C libraries ignore it."""
 
 POLL_SECONDS = 0.2
 SHUTDOWN_SECONDS = 5.0
