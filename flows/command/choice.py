@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -49,6 +50,12 @@ class Choice:
             if words and len(set(words)) < len(words):
                 raise ConfigError(f"{name}: each may be given only once, got {', '.join(map(str, words))}")
         return cls(source, tuple(overrides or ()), tuple(tasks or ()), tuple(conditions or ()), tuple(seeds or ()))
+
+    def as_arguments(self) -> str:
+        """What a command line must say to choose the same again."""
+        chosen = {"--set": self.overrides, "--task": self.tasks, "--condition": self.conditions, "--seed": self.seeds}
+        options = [word for option, values in chosen.items() for value in values for word in (option, str(value))]
+        return shlex.join([self.source, *options])
 
     def written(self) -> Written:
         """What was written of the chosen part; the configuration must be valid.

@@ -121,12 +121,11 @@ def _of(run: RunConfig, model: ModelOutcome) -> ModelOutcome:
 def _facts(choices: Sequence[Choice], runs: Sequence[RunConfig], studies: Sequence[TaskStudy]) -> dict[str, str]:
     """What the page was made of, and how it is made again."""
     first, *others = choices
-    beside = "".join(f" --with {choice.source}" for choice in others)
-    commands = [*(f"juicer run {choice.source}" for choice in choices), f"juicer report {first.source}{beside}"]
+    beside = "".join(f" --with {choice.as_arguments()}" for choice in others)
+    report = f"juicer report {first.as_arguments()}{beside}"
     facts = {
         "made on": date.today().isoformat(),
-        "made again by": "; ".join(commands),
-        "changed by": ", ".join(first.overrides),
+        "made again by": "; ".join([*(f"juicer run {choice.as_arguments()}" for choice in choices), report]),
         "tasks": ", ".join(study.task for study in studies),
         "randomness, unless said otherwise": ", ".join(dict.fromkeys(run.randomness.value for run in runs)),
         **_joined([study.sources.origins() for study in studies]),

@@ -147,7 +147,7 @@ def claims_section(studies: Sequence[TaskStudy]) -> Section | None:
             )
         )
     bases = "; ".join(f"{base} ({study.task})" for study in studies if (base := study.base))
-    told = ", ".join(f"{counts[ruling]} {ruling.value}" for ruling in Ruling if counts[ruling])
+    told = ", ".join(f"{ruling.value}: {counts[ruling]}" for ruling in Ruling if counts[ruling]).capitalize()
     return Section(
         "claims",
         "Claims",

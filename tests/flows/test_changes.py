@@ -260,7 +260,9 @@ def test_several_configurations_share_a_page(finished, tmp_path, monkeypatch, ca
     assert call([*arguments, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["evaluated"] == 5
     text = page.read_text()
-    assert f"| made again by | juicer run {folder}" in text.replace("\\_", "_")
+    chosen = f"{folder}/sweep.yaml --condition bc"
+    commands = f"juicer run {chosen}; juicer run {other}; juicer report {chosen} --with {other}"
+    assert f"| made again by | {commands} |" in text.replace("\\_", "_")
     assert all(f"| {title} |" in text for title in ("BC", "Another", "BC, longer"))
     (config,) = load_runs(write(tmp_path / "other.yaml", SWEEP.replace("episodes: 2,", "episodes: 3,")))
     execute(

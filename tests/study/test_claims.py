@@ -234,7 +234,7 @@ def test_each_statement_is_told_with_its_verdict_and_the_reason(study, result):
     assert len(judged.rows) + len(untested.rows) == sum("one_leg" in claim.tasks for claim in CLAIMS)
     assert untested.folded
     assert "no result of ci" in {why for *_, why in untested.rows}
-    assert section.note.startswith("1 holds, ")
+    assert section.note.startswith("Holds: 1, not tested: ")
 
 
 def test_nothing_is_told_of_statements_none_of_which_was_tested(study, result):

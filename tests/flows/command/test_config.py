@@ -85,3 +85,9 @@ def test_every_configuration_is_the_same_again_when_it_is_run_from_its_own_outpu
     path = tmp_path / "again.yaml"
     path.write_text(printed(capsys, name))
     assert load_runs(path) == load_runs(name)
+
+
+def test_a_choice_says_the_words_that_make_it_again():
+    choice = Choice("my table.yaml", ("seeds=[0, 1]",), ("one_leg",), ("bc", "ta"), (3,))
+    said = "'my table.yaml' --set 'seeds=[0, 1]' --task one_leg --condition bc --condition ta --seed 3"
+    assert choice.as_arguments() == said
