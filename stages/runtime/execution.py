@@ -42,9 +42,16 @@ def is_reused(call: StageCall, session: Session) -> bool:
 
 
 def execute(call: StageCall, session: Session) -> Finished:
-    """Make the artifact now, in this thread, unless it is in the store."""
+    """Make the artifact now, in this thread, unless it is in the store.
+
+    Raises:
+        StageInterrupted: If the user asked for an end.
+    """
     if is_reused(call, session):
         return finish(call, session, Finished(call.recipe.ref, reused=True))
+    if session.stop.is_set():
+        # It waited for a thread of the task runner, and never began.
+        raise StageInterrupted
     replacing = session.store.find(call.recipe) is not None
     try:
         with session.store.create(call.recipe, replacing=replacing) as draft:

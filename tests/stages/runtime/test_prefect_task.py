@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from dataclasses import replace
 
 import pytest
@@ -95,9 +98,6 @@ def test_only_what_may_pass_by_itself_is_retried():
 
 
 def test_calls_for_one_id_run_once_and_occupy_one_worker(toys, tasks, diary):
-    from concurrent.futures import ThreadPoolExecutor
-    from contextvars import copy_context
-
     shown = replace(tasks, display=diary)
 
     def body():
@@ -126,3 +126,25 @@ def test_interrupt_cancels_the_running_task(toys, tasks):
     _, run_id = in_flow(body)
     assert seen
     assert {name: run.state.name for name, run in task_runs(run_id, 1).items()} == {"dawdle bc seed 0": "Cancelled"}
+
+
+def test_a_task_that_waits_for_a_worker_does_not_begin_after_an_interrupt(toys, tasks, diary):
+    isolated = replace(tasks, isolate=True, display=diary)
+
+    def end(stage, **config):
+        with pytest.raises(StageInterrupted):
+            stage(isolated, config=toys.ToyConfig(**config))
+
+    def body():
+        with ThreadPoolExecutor() as pool:
+            running = pool.submit(copy_context().run, end, toys.dawdle)
+            while not (diary.progress or running.done()):
+                time.sleep(0.1)
+            waiting = pool.submit(copy_context().run, end, toys.write, words=98)
+            time.sleep(1)
+            isolated.stop.set()
+            running.result()
+            waiting.result()
+
+    in_flow(body, workers=1)
+    assert diary.states == [("dawdle", "stopped")]
