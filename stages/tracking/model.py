@@ -23,7 +23,7 @@ class Model(StrictConfig):
 
     Attributes:
         study: Name of the study; MLflow's experiment is called so.
-        identity: What the models of a run share: a hash of its configuration and of the code behind it.
+        identity: What the models of a condition share: a hash of its configuration and of the code behind it.
         condition: Key of its condition.
         title: Condition as people write it.
         seed: Its seed.

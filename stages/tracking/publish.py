@@ -63,7 +63,7 @@ def publish(
     Args:
         client: Speaks with MLflow.
         store: Where the artifacts are.
-        models: What to show; of two with the same key, the last.
+        models: What to show, oldest first; of two with the same key, the last.
         artifact_root: Where files of new experiments go; the server decides if None.
         pages: Address of juicer's pages, to which records link; empty if they are not served.
 
@@ -71,19 +71,17 @@ def publish(
         Exception: Of whatever kind the libraries on the way raise, if MLflow no longer answers.
     """
     published = Published()
-    studies: dict[str, dict[str, dict[str, Model]]] = {}
+    studies: dict[str, dict[str, Model]] = {}
     for model in models:
-        studies.setdefault(model.study, {}).setdefault(model.identity, {})[model.key] = model
-    for study, runs in studies.items():
+        studies.setdefault(model.study, {})[model.key] = model
+    for study, same in studies.items():
         try:
             page = Study(client, store, study, artifact_root, pages)
             published.experiments[study] = page.experiment
         except TrackingError as error:
             published.problems.append(str(error))
             continue
-        for same in runs.values():
-            # In an order that does not depend on which was finished first.
-            published.problems += page.show([same[key] for key in sorted(same)])
+        published.problems += page.show(list(same.values()))
     return published
 
 
@@ -131,7 +129,7 @@ class Study:
         return run
 
     def show(self, models: Sequence[Model]) -> list[str]:
-        """Show the models of one run of a flow; gives a sentence for each that cannot be shown."""
+        """Show all models of the study, the oldest first; gives a sentence for each that cannot be shown."""
         problems: list[str] = []
         histories: dict[str, History] = {}
 
@@ -142,14 +140,20 @@ class Study:
                 self._client.search_experiments(max_results=1)  # raises if MLflow is away
                 problems.append(f"MLflow does not show {label} of '{models[0].study}': {reason(error)}")
 
-        for model in models:
+        # Of conditions that are called alike, made by another configuration or other code, the study is of the newest.
+        newest = {model.condition: model.parent_key for model in models}
+        # In an order that does not depend on which was finished first.
+        ordered = sorted(models, key=lambda model: (model.condition, model.parent_key, model.seed))
+        for model in ordered:
             attempt(model.label, partial(self._show_model, model, histories))
-        shown = [model for model in models if model.key in histories]
-        for condition in dict.fromkeys(model.condition for model in shown):
-            same = [model for model in shown if model.condition == condition]
-            attempt(same[0].title, partial(self._show_condition, same, histories, shown[0]))
-        if shown:
-            attempt("the comparison", partial(self._describe, shown, shown[0]))
+        shown = [model for model in ordered if model.key in histories]
+        hosts = {model.report: model for model in reversed(shown)}
+        for parent in dict.fromkeys(model.parent_key for model in shown):
+            same = [model for model in shown if model.parent_key == parent]
+            attempt(same[0].title, partial(self._show_condition, same, histories, hosts[same[0].report]))
+        if told := [model for model in shown if model.parent_key == newest[model.condition]]:
+            reports = [model.report for model in models if model.key in histories and model.report]
+            attempt("the comparison", partial(self._describe, told, hosts[reports[-1]] if reports else told[0]))
         return problems
 
     def _show_model(self, model: Model, histories: dict[str, History]) -> None:
@@ -215,7 +219,7 @@ class Study:
         page = lineage_page(f"{first.title}: what its models were made from", known, names)
         self._client.log_text(run.info.run_id, page, "lineage.html")
         self._client.log_text(run.info.run_id, markdown_table([result]), "comparison.md")
-        if first.report and host.condition == first.condition:
+        if first.report and host.parent_key == first.parent_key:
             folder = self._store.open(ArtifactRef.parse(first.report), "report")
             self._client.log_artifacts(run.info.run_id, str(folder), "report")
         self._complete(run, state, end, {NOTE: f"{markdown_table([result])}\n{self._report_link(host)}"})

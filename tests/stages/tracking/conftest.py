@@ -22,6 +22,7 @@ from stages.tracking.destination import Destination
 from stages.tracking.model import Model
 
 TITLES = {"bc": "BC", "ta_ci": "TA+CI"}
+IDENTITIES = {"bc": "fedcba9876543210", "ta_ci": "0123456789abcdef"}
 RATES = {"bc": 0.5, "ta_ci": 0.85}
 PAIR = PairSpec(first=0, second=1, target=(0.0, 0.05, 0.0, 1.0, 0.0, 0.0, 0.0))
 TASKS = {"one_leg": FeatureSpec(num_parts=2, pairs=(PAIR,), mounted_m=0.005, mounted_cosine=0.94)}
@@ -96,7 +97,7 @@ class FakeStudy:
         )
         return Model(
             study=self.name,
-            identity="0123456789abcdef",
+            identity=IDENTITIES[condition],
             condition=condition,
             title=TITLES[condition],
             seed=seed,

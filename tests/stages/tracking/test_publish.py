@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -265,6 +266,26 @@ def test_lineage_is_a_page_that_needs_no_other_and_the_report_is_linked(destinat
     note = client.get_experiment_by_name("study").tags["mlflow.note.content"]
     assert f"/runs/{host}/artifacts/report/report.html" in note
     assert "| TA+CI |" in note
+
+
+def test_the_study_is_told_with_the_newest_models_of_each_condition_and_its_report_is_kept_once(
+    destination, store, study
+):
+    models = study.models(range(2))
+    changed = [model.model_copy(update={"identity": "2" * 16}) for model in models if model.condition == "bc"][:1]
+    rows = {}
+    for order in ([*models, *changed], [*changed, *models]):
+        client = show(destination, store, order)
+        experiment = client.get_experiment_by_name("study")
+        note = experiment.tags["mlflow.note.content"]
+        assert note.startswith("**BC ")
+        assert ", TA+CI " in note.partition("**;")[0]
+        (rows[order[-1].identity],) = re.findall(r"\| BC .*\| (\d+) \| \d+ \|$", note, re.M)
+        assert note.count("The report") == 1
+    assert list(rows.values()) == ["1", "2"]
+    runs = client.search_runs([experiment.experiment_id])
+    hosts = [run.info.run_name for run in runs if client.list_artifacts(run.info.run_id, "report")]
+    assert hosts == ["BC"]
 
 
 def test_a_note_that_somebody_changed_is_kept(destination, store, study):
