@@ -51,7 +51,7 @@ def write_report_page(choices: Sequence[Choice], output: Path, as_json: bool) ->
     if as_json:
         say_json({"files": [str(path) for path in files], "evaluated": evaluated, "models": planned})
     else:
-        beside = f", {len(files) - 1} drawings beside it" if output.suffix.lower() != HTML else ""
+        beside = f", {len(files) - 1} drawings beside it" if len(files) > 1 else ""
         say(f"{shown}: {evaluated} of {planned} models{beside}")
 
 

@@ -18,11 +18,12 @@ from juicer.study.success import interval_text, percent
 
 
 def curve_section(studies: Sequence[TaskStudy]) -> Section | None:
-    """Every curve of every task, as far as its conditions have results."""
+    """Every curve of every task, as far as its conditions have results; of one point, there is nothing to draw."""
     tables, charts = [], []
     for study in studies:
         for curve in study.curves:
-            if found := curve_points(study, curve):
+            found = curve_points(study, curve)
+            if len(found) > 1:
                 fit = fit_of(curve, found)
                 tables.append(_table(study, curve, found, fit))
                 charts.append(_chart(study, curve, found, fit))

@@ -12,7 +12,7 @@ from juicer.study.success import paired_tests, under
 
 
 def robustness_section(studies: Sequence[TaskStudy]) -> Section | None:
-    """Rates without a shift and under each, a column a shift."""
+    """Rates without a shift and under each, a column a shift; of policies that were measured under one at least."""
     tables = tuple(table for study in studies for table in _tables(study))
     if not tables:
         return None
@@ -32,7 +32,7 @@ def _tables(study: TaskStudy) -> Iterator[Table]:
         results = [each.result for each in group]
         for seen, alike in by_observation(results).items():
             columns, rows = robustness_table(alike)
-            if columns:
+            if any(found for result in alike for found in result.shifted.values()):
                 yield Table(tuple(columns), tuple(map(tuple, rows)), f"{study.task}{under(seen)}{under(setting)}")
         for name in shift_names(results):
             shifted = [found for result in results if (found := result.shifted.get(name))]

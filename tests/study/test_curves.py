@@ -85,6 +85,7 @@ def test_a_curve_is_a_table_a_sentence_and_a_drawing_beside_the_papers_points(po
     assert chart.name == "one_leg_demonstrations"
 
 
-def test_a_curve_without_results_is_left_out(study, result):
-    curve = Curve(name="c", title="C", axis="c", fit="none", points={"elsewhere": 1})
+@pytest.mark.parametrize("points", [{"elsewhere": 1}, {"bc": 0, "elsewhere": 1}])
+def test_a_curve_of_fewer_than_two_points_is_left_out(study, result, points):
+    curve = Curve(name="c", title="C", axis="c", fit="none", points=points)
     assert curve_section([study(result("bc", 0.5), curves=(curve,))]) is None

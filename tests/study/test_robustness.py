@@ -20,5 +20,7 @@ def test_rates_and_tests_under_a_shift_stand_together(result, study):
     assert tests.rows[0][:2] == ("BC → TA", "+70 points")
 
 
-def test_without_shifts_there_is_no_such_section(result, study):
-    assert robustness_section([study(result("bc", 0.8), result("ta", 0.9))]) is None
+def test_where_nothing_was_measured_under_a_shift_there_is_no_such_section(result, study):
+    bc, ta = result("bc", 0.8), result("ta", 0.9)
+    assert robustness_section([study(bc, ta)]) is None
+    assert robustness_section([study(replace(bc, shifted={"light": None}), ta)]) is None
