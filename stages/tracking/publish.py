@@ -110,6 +110,7 @@ class Study:
         location = (artifact_root / name).as_uri() if artifact_root else _location(client, name)
         self.experiment: str = found.experiment_id if found else client.create_experiment(name, location, tags)
         self._tags: Mapping[str, str] = found.tags if found else {}
+        self._histories: dict[str, History] = {}
         self._runs = {run.data.tags[KEY]: run for run in self._search()}
 
     def find(self, key: str) -> Run | None:
@@ -131,45 +132,45 @@ class Study:
     def show(self, models: Sequence[Model]) -> list[str]:
         """Show all models of the study, the oldest first; gives a sentence for each that cannot be shown."""
         problems: list[str] = []
-        histories: dict[str, History] = {}
 
-        def attempt(label: str, action: Callable[[], None]) -> None:
+        def attempt(label: str, action: Callable[[], None]) -> bool:
             try:
                 action()
             except Exception as error:
                 self._client.search_experiments(max_results=1)  # raises if MLflow is away
                 problems.append(f"MLflow does not show {label} of '{models[0].study}': {reason(error)}")
+                return False
+            return True
 
         # Of conditions that are called alike, made by another configuration or other code, the study is of the newest.
         newest = {model.condition: model.parent_key for model in models}
+        is_shown = {model.key: attempt(model.label, partial(self._show_model, model)) for model in models}
         # In an order that does not depend on which was finished first.
         ordered = sorted(models, key=lambda model: (model.condition, model.parent_key, model.seed))
-        for model in ordered:
-            attempt(model.label, partial(self._show_model, model, histories))
-        shown = [model for model in ordered if model.key in histories]
+        shown = [model for model in ordered if is_shown[model.key]]
         hosts = {model.report: model for model in reversed(shown)}
         for parent in dict.fromkeys(model.parent_key for model in shown):
             same = [model for model in shown if model.parent_key == parent]
-            attempt(same[0].title, partial(self._show_condition, same, histories, hosts[same[0].report]))
+            attempt(same[0].title, partial(self._show_condition, same, hosts[same[0].report]))
         if told := [model for model in shown if model.parent_key == newest[model.condition]]:
-            reports = [model.report for model in models if model.key in histories and model.report]
+            reports = [model.report for model in models if is_shown[model.key] and model.report]
             attempt("the comparison", partial(self._describe, told, hosts[reports[-1]] if reports else told[0]))
         return problems
 
-    def _show_model(self, model: Model, histories: dict[str, History]) -> None:
-        history = histories[model.key] = read_history(self._store, ArtifactRef.parse(model.evaluation))
+    def _show_model(self, model: Model) -> None:
+        state = " ".join(model.evaluations.values())
+        if (found := self.find(model.key)) and _is_done(found, state):
+            self._link_pages(found, model)
+            return
+        history = self._history(model)
         end = _time(history.evaluation)
         tags = {"condition": model.condition, "seed": str(model.seed)}
         run = self.open(model.key, model.label, tags, end - round(1000 * history.seconds))
-        state = " ".join(model.evaluations.values())
-        if _is_done(run, state):
-            self._link_pages(run, model, history)
-            return
         self._log_params(run, model.params)
         self._log_numbers(run, _facts(history), end)
         for name, ref in model.shifted.items():
-            found = entries.outcome(self._store.manifest(ArtifactRef.parse(ref)))
-            self._log_numbers(run, {f"under_{name}/{fact}": value for fact, value in found.items()}, end)
+            measured = entries.outcome(self._store.manifest(ArtifactRef.parse(ref)))
+            self._log_numbers(run, {f"under_{name}/{fact}": value for fact, value in measured.items()}, end)
         self._log_curves(run, history)
         self._log_datasets(run, history)
         identity = run.info.run_id
@@ -179,7 +180,7 @@ class Study:
         self._client.log_text(identity, page, "lineage.html")
         if history.checkpoint:
             self._log_checkpoint(run, model, history, history.checkpoint)
-        note = self._story(run, model, history, self._pages)
+        note = self._story(run, model, self._pages)
         parent = self.open(model.parent_key, model.title, {"condition": model.condition}, run.info.start_time)
         tags = {NOTE: note, "mlflow.parentRunId": parent.info.run_id, "mlflow.loggedArtifacts": entries.LOGGED_TABLE}
         tags |= entries.sight(model, history.evaluation) | ({PAGES: self._pages} if self._pages else {})
@@ -187,25 +188,32 @@ class Study:
             tags["mlflow.source.git.commit"] = commit
         self._complete(run, state, end, tags)
 
-    def _story(self, run: Run, model: Model, history: History, pages: str) -> str:
-        return entries.story(self.experiment, run.info.run_id, history, model.finding, pages)
+    def _history(self, model: Model) -> History:
+        """What a model was made from; only read for what MLflow does not show yet, as that takes a while."""
+        if model.key not in self._histories:
+            self._histories[model.key] = read_history(self._store, ArtifactRef.parse(model.evaluation))
+        return self._histories[model.key]
 
-    def _link_pages(self, run: Run, model: Model, history: History) -> None:
+    def _story(self, run: Run, model: Model, pages: str) -> str:
+        return entries.story(self.experiment, run.info.run_id, self._history(model), model.finding, pages)
+
+    def _link_pages(self, run: Run, model: Model) -> None:
         """Have the note of a complete run link to the pages where they are now, unless somebody has changed it."""
         linked, note = run.data.tags.get(PAGES, ""), run.data.tags.get(NOTE)
-        if self._pages and self._pages != linked and note == self._story(run, model, history, linked):
-            self._client.set_tag(run.info.run_id, NOTE, self._story(run, model, history, self._pages))
+        if self._pages and self._pages != linked and note == self._story(run, model, linked):
+            self._client.set_tag(run.info.run_id, NOTE, self._story(run, model, self._pages))
             self._client.set_tag(run.info.run_id, PAGES, self._pages)
 
-    def _show_condition(self, models: Sequence[Model], histories: Mapping[str, History], host: Model) -> None:
+    def _show_condition(self, models: Sequence[Model], host: Model) -> None:
         first = models[0]
-        end = max(_time(histories[model.key].evaluation) for model in models)
-        start = min(run.info.start_time for model in models if (run := self.find(model.key)))
-        run = self.open(first.parent_key, first.title, {"condition": first.condition}, start)
         made = [" ".join([*model.evaluations.values(), model.report]) for model in models]
         state = hashlib.sha256(" ".join(made).encode()).hexdigest()
-        if _is_done(run, state):
+        if (found := self.find(first.parent_key)) and _is_done(found, state):
             return
+        histories = {model.key: self._history(model) for model in models}
+        end = max(_time(history.evaluation) for history in histories.values())
+        start = min(run.info.start_time for model in models if (run := self.find(model.key)))
+        run = self.open(first.parent_key, first.title, {"condition": first.condition}, start)
         (result,) = self._results(models)
         params = {key: value for key, value in first.params.items() if key.rpartition(".")[2] != "seed"}
         self._log_params(run, params)
@@ -226,12 +234,13 @@ class Study:
 
     def _describe(self, models: Sequence[Model], host: Model) -> None:
         """Tell on the experiment's page what came out, and what to look at; a note that somebody changed is kept."""
+        kept, stamp, told = self._tags.get(NOTE, ""), "juicer.note", "juicer.told"
+        state = entries.digest("".join(model.model_dump_json(exclude={"params"}) for model in (host, *models)))
+        if kept and (entries.digest(kept) != self._tags.get(stamp) or self._tags.get(told) == state):
+            return
         results = self._results(models)
         note = entries.guide(results, markdown_table(results), self._report_link(host), self.experiment)
-        kept, stamp = self._tags.get(NOTE, ""), "juicer.note"
-        if kept == note or (kept and entries.digest(kept) != self._tags.get(stamp)):
-            return
-        for key, value in {NOTE: note, stamp: entries.digest(note), **entries.views()}.items():
+        for key, value in {NOTE: note, stamp: entries.digest(note), told: state, **entries.views()}.items():
             self._client.set_experiment_tag(self.experiment, key, value)
             self._tags = {**self._tags, key: value}
 

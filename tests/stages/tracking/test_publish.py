@@ -152,6 +152,16 @@ def test_a_lost_artifact_concerns_its_own_model_only(destination, store, study):
     assert set(runs_of(client)) == {"BC", "BC, seed 1"}
 
 
+def test_what_is_shown_already_is_not_read_again(destination, store, study):
+    models = study.models(range(1))
+    client = show(destination, store, models)
+    before = client.get_experiment_by_name("study").tags
+    for model in models:
+        shutil.rmtree(store.open(ArtifactRef.parse(model.evaluation)))
+    show(destination, store, models)
+    assert client.get_experiment_by_name("study").tags == before
+
+
 @pytest.mark.parametrize("content", ["", "{", "[]", "null", '{"study": 7}', '{"nonsense": 1}', "[" * 10_000])
 def test_notes_that_are_nonsense_are_overlooked(tmp_path, store, study, content):
     study.model().note(tmp_path)
