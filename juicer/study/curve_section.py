@@ -59,11 +59,10 @@ def _table(study: TaskStudy, curve: Curve, found: Points, fit: Saturation | None
 
 def _sentences(study: TaskStudy, curve: Curve, found: Points, fit: Saturation | None) -> Iterator[str]:
     (x, best), equals = rivals(study, found)
-    if len(found) > 1:
-        others = ", ".join(f"{other:g}" for other, _ in equals)
-        yield f"The best average, {percent(best.average)}, is at {x:g}; " + (
-            f"{others} cannot be told apart from it (paired tests, Holm)." if others else "all others are worse."
-        )
+    others = ", ".join(f"{other:g}" for other, _ in equals)
+    yield f"The best average, {percent(best.average)}, is at {x:g}; " + (
+        f"{others} cannot be told apart from it (paired tests, Holm)." if others else "all others are worse."
+    )
     if fit:
         low, high = fit.enough_interval
         yield (

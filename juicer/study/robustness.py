@@ -12,7 +12,7 @@ from juicer.study.success import paired_tests, under
 
 
 def robustness_section(studies: Sequence[TaskStudy]) -> Section | None:
-    """Rates without a shift and under each, a column a shift; of policies that were measured under one at least."""
+    """Rates without a shift and under each, a column a shift; nothing if none was measured under any."""
     tables = tuple(table for study in studies for table in _tables(study))
     if not tables:
         return None

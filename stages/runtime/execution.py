@@ -50,7 +50,7 @@ def execute(call: StageCall, session: Session) -> Finished:
     if is_reused(call, session):
         return finish(call, session, Finished(call.recipe.ref, reused=True))
     if session.stop.is_set():
-        # It waited for a thread of the task runner, and never began.
+        # A call may have waited for a thread of the task runner meanwhile; it does not begin any more.
         raise StageInterrupted
     replacing = session.store.find(call.recipe) is not None
     try:

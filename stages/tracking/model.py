@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,7 @@ class Model(StrictConfig):
         unnoticed: Names of the shifts that it cannot notice.
         report: The same of the page about all models of the run.
         finding: Why it learned from less than it should, as a sentence.
+        noted: When it was noted last, in seconds of the Unix clock.
     """
 
     study: str = Field(pattern=_WORD, max_length=100)
@@ -48,6 +49,7 @@ class Model(StrictConfig):
     unnoticed: tuple[str, ...] = ()
     report: str = ""
     finding: str = ""
+    noted: float = Field(default=0.0, ge=0)
 
     @property
     def evaluations(self) -> dict[str, str]:
@@ -70,28 +72,30 @@ class Model(StrictConfig):
         return f"{self.parent_key}-{self.seed}"
 
     def note(self, folder: Path) -> None:
-        """Have it published from now on, by this process or a later one."""
+        """Have it published from now on, by this process or a later one; a report that it is in stays with it."""
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{self.key}{SUFFIX}"
+        before = _read(path)
+        is_same = before is not None and before.evaluations == self.evaluations
+        report = self.report or (before.report if before and is_same else "")
         draft = path.with_suffix(".draft")
-        draft.write_text(self.model_dump_json(), encoding="utf-8")
+        noted = self.model_copy(update={"report": report, "noted": time.time()})
+        draft.write_text(noted.model_dump_json(), encoding="utf-8")
         draft.replace(path)
 
 
-def noted(folder: Path) -> Iterator[Model]:
+def noted(folder: Path) -> list[Model]:
     """Every model that shall be published, oldest first; a file that is something else is overlooked."""
-    for path in sorted(folder.glob(f"*{SUFFIX}"), key=_age):
-        try:
-            model = Model.model_validate_json(read_bounded(path, MOST_BYTES))
-            refs = [ArtifactRef.parse(ref) for ref in (model.evaluation, *model.shifted.values(), model.report) if ref]
-        except (OSError, ValidationError, RecursionError, ArtifactNotFound):
-            continue
-        if refs:
-            yield model
+    models = [model for path in sorted(folder.glob(f"*{SUFFIX}")) if (model := _read(path)) and model.evaluation]
+    return sorted(models, key=lambda model: model.noted)
 
 
-def _age(path: Path) -> float:
+def _read(path: Path) -> Model | None:
     try:
-        return path.stat().st_mtime
-    except OSError:
-        return 0.0
+        model = Model.model_validate_json(read_bounded(path, MOST_BYTES))
+        for ref in (model.evaluation, *model.shifted.values(), model.report):
+            if ref:
+                ArtifactRef.parse(ref)
+    except (OSError, ValidationError, RecursionError, ArtifactNotFound):
+        return None
+    return model

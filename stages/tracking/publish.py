@@ -7,35 +7,32 @@ data folder therefore changes nothing, and an empty MLflow is filled again. What
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from mlflow import MlflowClient
-from mlflow.entities import DatasetInput, LifecycleStage, Metric, Param, Run, RunTag, ViewType
-from mlflow.exceptions import MlflowException
-from mlflow.protos.databricks_pb2 import RESOURCE_ALREADY_EXISTS, ErrorCode
+from mlflow.entities import LifecycleStage, Run, ViewType
 
-from juicer.artifacts.manifest import STATE, Manifest
+from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from juicer.errors import TrackingError
+from juicer.errors import ArtifactError, TrackingError
 from juicer.evaluation import ConditionResult
 from juicer.reporting.comparison import ReportRow, condition_results, markdown_table
 from juicer.reporting.lineage_page import lineage_page
-from juicer.storage.curves import read_curves
 from juicer.storage.evaluations import read_evaluation
 from stages.tracking import entries
 from stages.tracking.destination import reason
 from stages.tracking.history import History, read_history
 from stages.tracking.model import Model
+from stages.tracking.run_writer import COMPLETE, RunWriter, finished_at
 
-KEY, COMPLETE, PAGES, NOTE = "juicer.model", "juicer.complete", "juicer.pages", "mlflow.note.content"
-BATCH, PARAMS_BATCH = 1000, 100
-"""Entries that MLflow takes at a time."""
+KEY, PAGES, NOTE = "juicer.model", "juicer.pages", "mlflow.note.content"
+RUNS_BATCH = 1000
+"""Runs that MLflow gives at a time."""
 
 
 @dataclass
@@ -98,7 +95,10 @@ class Study:
         """
         self._client = client
         self._store = store
+        self._writer = RunWriter(client, store)
+        self._name = name
         self._pages = pages
+        self._problems: list[str] = []
         found = client.get_experiment_by_name(name)
         if found and found.lifecycle_stage == LifecycleStage.DELETED:
             raise TrackingError(
@@ -131,31 +131,36 @@ class Study:
 
     def show(self, models: Sequence[Model]) -> list[str]:
         """Show all models of the study, the oldest first; gives a sentence for each that cannot be shown."""
-        problems: list[str] = []
-
-        def attempt(label: str, action: Callable[[], None]) -> bool:
-            try:
-                action()
-            except Exception as error:
-                self._client.search_experiments(max_results=1)  # raises if MLflow is away
-                problems.append(f"MLflow does not show {label} of '{models[0].study}': {reason(error)}")
-                return False
-            return True
-
-        # Of conditions that are called alike, made by another configuration or other code, the study is of the newest.
-        newest = {model.condition: model.parent_key for model in models}
-        is_shown = {model.key: attempt(model.label, partial(self._show_model, model)) for model in models}
+        is_shown = {model.key: self._attempt(model.label, partial(self._show_model, model)) for model in models}
+        shown = [model for model in models if is_shown[model.key]]
+        conditions: dict[str, list[Model]] = {}
         # In an order that does not depend on which was finished first.
-        ordered = sorted(models, key=lambda model: (model.condition, model.parent_key, model.seed))
-        shown = [model for model in ordered if is_shown[model.key]]
-        hosts = {model.report: model for model in reversed(shown)}
-        for parent in dict.fromkeys(model.parent_key for model in shown):
-            same = [model for model in shown if model.parent_key == parent]
-            attempt(same[0].title, partial(self._show_condition, same, hosts[same[0].report]))
-        if told := [model for model in shown if model.parent_key == newest[model.condition]]:
-            reports = [model.report for model in models if is_shown[model.key] and model.report]
-            attempt("the comparison", partial(self._describe, told, hosts[reports[-1]] if reports else told[0]))
-        return problems
+        for model in sorted(shown, key=lambda model: (model.condition, model.parent_key, model.seed)):
+            conditions.setdefault(model.parent_key, []).append(model)
+        reports = {parent: _common_report(same) for parent, same in conditions.items()}
+        hosts: dict[str, str] = {}
+        for parent, report in reports.items():
+            if not ((run := self.find(parent)) and _is_deleted(run)):
+                hosts.setdefault(report, parent)
+        for parent, same in conditions.items():
+            host = hosts.get(reports[parent], "")
+            self._attempt(same[0].title, partial(self._show_condition, same, reports[parent], host))
+        # Of conditions that are called alike, made by another configuration or other code, the study is of the newest.
+        newest = {model.condition: model.parent_key for model in shown if model.task == shown[-1].task}
+        told = [model for parent in conditions if parent in newest.values() for model in conditions[parent]]
+        if told:
+            report = _common_report(told)
+            self._attempt("the comparison", partial(self._describe, told, report, hosts.get(report, "")))
+        return list(dict.fromkeys(self._problems))
+
+    def _attempt(self, label: str, action: Callable[[], None]) -> bool:
+        try:
+            action()
+        except Exception as error:
+            self._client.search_experiments(max_results=1)  # raises if MLflow is away
+            self._problems.append(f"MLflow does not show {label} of '{self._name}': {reason(error)}")
+            return False
+        return True
 
     def _show_model(self, model: Model) -> None:
         state = " ".join(model.evaluations.values())
@@ -163,30 +168,30 @@ class Study:
             self._link_pages(found, model)
             return
         history = self._history(model)
-        end = _time(history.evaluation)
+        end = finished_at(history.evaluation)
         tags = {"condition": model.condition, "seed": str(model.seed)}
         run = self.open(model.key, model.label, tags, end - round(1000 * history.seconds))
-        self._log_params(run, model.params)
-        self._log_numbers(run, _facts(history), end)
+        self._writer.params(run, model.params)
+        self._writer.numbers(run, _facts(history), end)
         for name, ref in model.shifted.items():
             measured = entries.outcome(self._store.manifest(ArtifactRef.parse(ref)))
-            self._log_numbers(run, {f"under_{name}/{fact}": value for fact, value in measured.items()}, end)
-        self._log_curves(run, history)
-        self._log_datasets(run, history)
+            self._writer.numbers(run, {f"under_{name}/{fact}": value for fact, value in measured.items()}, end)
+        self._writer.curves(run, history)
+        self._writer.datasets(run, history)
         identity = run.info.run_id
         rows = read_evaluation(self._store.open(history.evaluation.ref, "evaluation"))
         self._client.log_text(identity, entries.table(rows), "evaluation.json")
         page = lineage_page(f"{model.label}: what it was made from", history.known, _names(model, history))
         self._client.log_text(identity, page, "lineage.html")
         if history.checkpoint:
-            self._log_checkpoint(run, model, history, history.checkpoint)
+            self._writer.checkpoint(run, model, history, history.checkpoint)
         note = self._story(run, model, self._pages)
         parent = self.open(model.parent_key, model.title, {"condition": model.condition}, run.info.start_time)
         tags = {NOTE: note, "mlflow.parentRunId": parent.info.run_id, "mlflow.loggedArtifacts": entries.LOGGED_TABLE}
         tags |= entries.sight(model, history.evaluation) | ({PAGES: self._pages} if self._pages else {})
         if commit := entries.commit(history.evaluation):
             tags["mlflow.source.git.commit"] = commit
-        self._complete(run, state, end, tags)
+        self._writer.complete(run, state, end, tags)
 
     def _history(self, model: Model) -> History:
         """What a model was made from; only read for what MLflow does not show yet, as that takes a while."""
@@ -200,53 +205,81 @@ class Study:
     def _link_pages(self, run: Run, model: Model) -> None:
         """Have the note of a complete run link to the pages where they are now, unless somebody has changed it."""
         linked, note = run.data.tags.get(PAGES, ""), run.data.tags.get(NOTE)
-        if self._pages and self._pages != linked and note == self._story(run, model, linked):
+        if _is_deleted(run) or not self._pages or self._pages == linked:
+            return
+        if note == self._story(run, model, linked):
             self._client.set_tag(run.info.run_id, NOTE, self._story(run, model, self._pages))
             self._client.set_tag(run.info.run_id, PAGES, self._pages)
 
-    def _show_condition(self, models: Sequence[Model], host: Model) -> None:
+    def _show_condition(self, models: Sequence[Model], report: str, host: str) -> None:
+        """Show the averages of models, and the report if this condition is the one whose run keeps it for all."""
         first = models[0]
-        made = [" ".join([*model.evaluations.values(), model.report]) for model in models]
+        made = [report, host, *(ref for model in models for ref in model.evaluations.values())]
         state = hashlib.sha256(" ".join(made).encode()).hexdigest()
         if (found := self.find(first.parent_key)) and _is_done(found, state):
             return
+        models = self._readable(models)
         histories = {model.key: self._history(model) for model in models}
-        end = max(_time(history.evaluation) for history in histories.values())
+        end = max(finished_at(history.evaluation) for history in histories.values())
         start = min(run.info.start_time for model in models if (run := self.find(model.key)))
         run = self.open(first.parent_key, first.title, {"condition": first.condition}, start)
         (result,) = self._results(models)
         params = {key: value for key, value in first.params.items() if key.rpartition(".")[2] != "seed"}
-        self._log_params(run, params)
-        self._log_numbers(run, entries.rates(result), end)
+        self._writer.params(run, params)
+        self._writer.numbers(run, entries.rates(result), end)
         known: dict[ArtifactRef, Manifest | None] = {}
         names: dict[ArtifactRef, str] = {}
         for model in models:
-            self._log_datasets(run, histories[model.key])
+            self._writer.datasets(run, histories[model.key])
             known |= histories[model.key].known
             names |= _names(model, histories[model.key])
         page = lineage_page(f"{first.title}: what its models were made from", known, names)
         self._client.log_text(run.info.run_id, page, "lineage.html")
         self._client.log_text(run.info.run_id, markdown_table([result]), "comparison.md")
-        if first.report and host.parent_key == first.parent_key:
-            folder = self._store.open(ArtifactRef.parse(first.report), "report")
+        if report and host == first.parent_key:
+            folder = self._store.open(ArtifactRef.parse(report), "report")
             self._client.log_artifacts(run.info.run_id, str(folder), "report")
-        self._complete(run, state, end, {NOTE: f"{markdown_table([result])}\n{self._report_link(host)}"})
+        self._writer.complete(run, state, end, {NOTE: f"{markdown_table([result])}\n{self._report_link(report, host)}"})
 
-    def _describe(self, models: Sequence[Model], host: Model) -> None:
+    def _describe(self, models: Sequence[Model], report: str, host: str) -> None:
         """Tell on the experiment's page what came out, and what to look at; a note that somebody changed is kept."""
         kept, stamp, told = self._tags.get(NOTE, ""), "juicer.note", "juicer.told"
-        state = entries.digest("".join(model.model_dump_json(exclude={"params"}) for model in (host, *models)))
-        if kept and (entries.digest(kept) != self._tags.get(stamp) or self._tags.get(told) == state):
+        link = self._report_link(report, host)
+        shown = [model.model_dump_json(exclude={"params", "noted"}) for model in models]
+        state = entries.digest("".join([link, *shown]))
+        ours = self._tags.get(stamp, "").split()
+        if kept and (entries.digest(kept) not in ours or self._tags.get(told) == state):
             return
-        results = self._results(models)
-        note = entries.guide(results, markdown_table(results), self._report_link(host), self.experiment)
-        for key, value in {NOTE: note, stamp: entries.digest(note), told: state, **entries.views()}.items():
+        results = self._results(self._readable(models))
+        note = entries.guide(results, markdown_table(results), link, self.experiment)
+        # Whichever of the two a kill leaves is known as ours, and what was told comes last.
+        stamps = f"{entries.digest(kept)} {entries.digest(note)}"
+        for key, value in {**entries.views(), stamp: stamps, NOTE: note, told: state}.items():
             self._client.set_experiment_tag(self.experiment, key, value)
-            self._tags = {**self._tags, key: value}
 
-    def _report_link(self, host: Model) -> str:
-        run = self.find(host.parent_key) if host.report else None
+    def _report_link(self, report: str, host: str) -> str:
+        run = self.find(host) if report else None
         return entries.report_link(self.experiment, run.info.run_id) if run else ""
+
+    def _readable(self, models: Sequence[Model]) -> list[Model]:
+        """Those whose evaluation is still in the store; of the others it is told that they do not count.
+
+        Raises:
+            ArtifactError: If there is none.
+        """
+        readable, lost = [], None
+        for model in models:
+            try:
+                self._store.manifest(ArtifactRef.parse(model.evaluation))
+                readable.append(model)
+            except ArtifactError as error:
+                lost = error
+                self._problems.append(
+                    f"{model.label} of '{self._name}' does not count in MLflow's averages any more: {reason(error)}"
+                )
+        if lost and not readable:
+            raise lost
+        return readable
 
     def _results(self, models: Sequence[Model]) -> list[ConditionResult]:
         entries_of = [(model, name, ref) for model in models for name, ref in model.evaluations.items()]
@@ -258,73 +291,12 @@ class Study:
         ]
         return condition_results(self._store, [ArtifactRef.parse(ref) for _, _, ref in entries_of], rows)
 
-    def _log_params(self, run: Run, params: Mapping[str, object]) -> None:
-        missing = [Param(name, entries.value(item)) for name, item in params.items() if name not in run.data.params]
-        for batch in _batches(missing, PARAMS_BATCH):
-            self._client.log_batch(run.info.run_id, params=batch)
-
-    def _log_numbers(self, run: Run, numbers: Mapping[str, float], time: int) -> None:
-        known = run.data.metrics
-        missing = [Metric(name, value, time, 0) for name, value in numbers.items() if known.get(name) != value]
-        for batch in _batches(missing, BATCH):
-            self._client.log_batch(run.info.run_id, metrics=batch)
-
-    def _log_curves(self, run: Run, history: History) -> None:
-        for ref, prefix in history.rounds.items():
-            manifest = history.known[ref]
-            if ref.kind != "checkpoint" or manifest is None:
-                continue
-            for name, (steps, values) in read_curves(self._store.open(ref)).items():
-                curve = f"{prefix}{name}"
-                is_begun = curve in run.data.metrics
-                known = self._client.get_metric_history(run.info.run_id, curve) if is_begun else ()
-                points = dict(zip(steps, values, strict=True))
-                for point in known:
-                    points.pop(point.step, None)
-                time = _time(manifest)
-                missing = [Metric(curve, value, time, step) for step, value in points.items()]
-                for batch in _batches(missing, BATCH):
-                    self._client.log_batch(run.info.run_id, metrics=batch)
-
-    def _log_datasets(self, run: Run, history: History) -> None:
-        inputs: list[DatasetInput] = [
-            entries.dataset(manifest)
-            for ref, manifest in history.known.items()
-            if manifest and ref.kind not in ("checkpoint", "evaluation", "report")
-        ]
-        if inputs:
-            self._client.log_inputs(run.info.run_id, inputs)
-
-    def _log_checkpoint(self, run: Run, model: Model, history: History, ref: ArtifactRef) -> None:
-        identity, name = run.info.run_id, f"{model.study}.{model.condition}"
-        self._client.log_artifacts(identity, str(self._store.open(ref, "checkpoint")), entries.MODEL)
-        self._client.log_text(identity, entries.mlmodel(identity, model.task), f"{entries.MODEL}/MLmodel")
-        try:
-            self._client.create_registered_model(name, description=f"{model.title} of the study '{model.study}'.")
-        except MlflowException as error:
-            if error.error_code != ErrorCode.Name(RESOURCE_ALREADY_EXISTS):
-                raise
-        versions = list(self._client.search_model_versions(f"name = '{name}'", max_results=10_000))
-        if not any(version.run_id == identity and version.tags.get("artifact") == str(ref) for version in versions):
-            source, tags = f"runs:/{identity}/{entries.MODEL}", entries.version_tags(model, history, ref)
-            note = entries.loading(name, model.task, history.evaluation.observes or STATE)
-            versions.append(self._client.create_model_version(name, source, identity, tags=tags, description=note))
-        self._client.set_registered_model_alias(name, "last", max(versions, key=lambda each: int(each.version)).version)
-        rated = [version for version in versions if "success_rate" in version.tags]
-        best = max(rated, key=lambda each: (float(each.tags["success_rate"]), -int(each.version)))
-        self._client.set_registered_model_alias(name, "best", best.version)
-
-    def _complete(self, run: Run, state: str, end: int, tags: Mapping[str, str]) -> None:
-        self._client.set_terminated(run.info.run_id, "FINISHED", end)
-        self._client.log_batch(run.info.run_id, tags=[RunTag(key, value) for key, value in tags.items()])
-        self._client.set_tag(run.info.run_id, COMPLETE, state)
-
     def _search(self) -> Iterator[Run]:
         for view in (ViewType.DELETED_ONLY, ViewType.ACTIVE_ONLY):
             token: str | None = ""
             while token is not None:
                 page = self._client.search_runs(
-                    [self.experiment], f"tags.`{KEY}` != ''", view, max_results=BATCH, page_token=token or None
+                    [self.experiment], f"tags.`{KEY}` != ''", view, max_results=RUNS_BATCH, page_token=token or None
                 )
                 yield from page
                 token = page.token or None
@@ -338,9 +310,19 @@ def _location(client: MlflowClient, name: str) -> str | None:
     return f"{client.get_experiment('0').artifact_location.rpartition('/')[0]}/{name}"
 
 
+def _is_deleted(run: Run) -> bool:
+    return bool(run.info.lifecycle_stage == LifecycleStage.DELETED)
+
+
 def _is_done(run: Run, state: str) -> bool:
     """Whether a run shows everything; nothing more is to be shown in one that was deleted."""
-    return run.info.lifecycle_stage == LifecycleStage.DELETED or run.data.tags.get(COMPLETE) == state
+    return _is_deleted(run) or run.data.tags.get(COMPLETE) == state
+
+
+def _common_report(models: Iterable[Model]) -> str:
+    """The report that most of the models are in, of several the newest; empty if they are in none."""
+    reports = Counter(model.report for model in sorted(models, key=lambda model: -model.noted) if model.report)
+    return next((report for report, _ in reports.most_common(1)), "")
 
 
 def _names(model: Model, history: History) -> dict[ArtifactRef, str]:
@@ -361,13 +343,3 @@ def _facts(history: History) -> dict[str, float]:
             numbers |= {f"{prefix}{stage}/{key}": number for key, number in entries.flat_numbers(manifest.summary)}
             numbers[f"{prefix}{stage}/seconds"] = manifest.seconds
     return numbers
-
-
-def _time(manifest: Manifest) -> int:
-    """When an artifact was finished, as MLflow counts."""
-    return round(1000 * datetime.fromisoformat(manifest.finished).timestamp())
-
-
-def _batches(items: Sequence[Any], size: int) -> Iterator[Sequence[Any]]:
-    for start in range(0, len(items), size):
-        yield items[start : start + size]

@@ -126,7 +126,7 @@ class Recorder:
             _bury(client, folder)
             self._is_due = False
             try:
-                models = list(noted(folder))
+                models = noted(folder)
                 published = publish(client, self._store, models, self._destination.artifact_root, self._pages())
             except Exception:
                 self._is_due = True

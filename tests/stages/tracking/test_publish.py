@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -16,7 +17,8 @@ from juicer.artifacts.store import ArtifactStore
 from juicer.storage.curves import read_curves
 from stages.tracking.destination import MODELS_VIEW, VIEW, newest_study, runs_page
 from stages.tracking.model import noted
-from stages.tracking.publish import COMPLETE, NOTE, publish
+from stages.tracking.publish import NOTE, publish
+from stages.tracking.run_writer import COMPLETE
 
 ROOT = Path(__file__).parents[3]
 
@@ -152,6 +154,18 @@ def test_a_lost_artifact_concerns_its_own_model_only(destination, store, study):
     assert set(runs_of(client)) == {"BC", "BC, seed 1"}
 
 
+def test_a_model_that_is_lost_since_counts_no_more_and_holds_nothing_up(destination, store, study):
+    lost, kept, added = (study.model(seed=seed) for seed in range(3))
+    show(destination, store, [lost, kept])
+    shutil.rmtree(store.open(ArtifactRef.parse(lost.evaluation)))
+    client = destination.connect()
+    published = publish(client, store, [lost, kept, added], destination.artifact_root)
+    (problem,) = published.problems
+    assert problem.startswith("BC, seed 0 of 'study' does not count in MLflow's averages any more: ")
+    assert runs_of(client)["BC"].data.metrics["models"] == 2
+    assert "| 2 | 200 |" in client.get_experiment_by_name("study").tags[NOTE]
+
+
 def test_what_is_shown_already_is_not_read_again(destination, store, study):
     models = study.models(range(1))
     client = show(destination, store, models)
@@ -278,24 +292,83 @@ def test_lineage_is_a_page_that_needs_no_other_and_the_report_is_linked(destinat
     assert "| TA+CI |" in note
 
 
+def page_of(client, study="study"):
+    return client.get_experiment_by_name(study).tags[NOTE]
+
+
+def hosts_of(client):
+    """Runs that keep a report."""
+    runs = client.search_runs([client.get_experiment_by_name("study").experiment_id])
+    return [run.info.run_name for run in runs if client.list_artifacts(run.info.run_id, "report")]
+
+
 def test_the_study_is_told_with_the_newest_models_of_each_condition_and_its_report_is_kept_once(
     destination, store, study
 ):
     models = study.models(range(2))
     changed = [model.model_copy(update={"identity": "2" * 16}) for model in models if model.condition == "bc"][:1]
-    rows = {}
+    counts = []
     for order in ([*models, *changed], [*changed, *models]):
         client = show(destination, store, order)
-        experiment = client.get_experiment_by_name("study")
-        note = experiment.tags["mlflow.note.content"]
+        note = page_of(client)
         assert note.startswith("**BC ")
         assert ", TA+CI " in note.partition("**;")[0]
-        (rows[order[-1].identity],) = re.findall(r"\| BC .*\| (\d+) \| \d+ \|$", note, re.M)
-        assert note.count("The report") == 1
-    assert list(rows.values()) == ["1", "2"]
-    runs = client.search_runs([experiment.experiment_id])
-    hosts = [run.info.run_name for run in runs if client.list_artifacts(run.info.run_id, "report")]
-    assert hosts == ["BC"]
+        counts += re.findall(r"\| BC .*\| (\d+) \| \d+ \|$", note, re.M)
+    assert counts == ["1", "2"]
+    assert hosts_of(client) == ["BC"]
+
+
+def test_models_of_another_task_do_not_stand_beside_each_other(destination, store, study):
+    other = [each.model_copy(update={"task": "lamp", "identity": "3" * 16}) for each in study.models(range(1))[:1]]
+    assert "| TA+CI |" not in page_of(show(destination, store, [*study.models(range(1)), *other]))
+
+
+def test_the_report_is_where_the_link_leads_when_its_run_has_got_another_one_or_is_deleted(destination, store, study):
+    models = study.models(range(1))
+    show(destination, store, models)
+    alone = study.put("report", "report", lambda folder: (folder / "report.html").write_text("BC"), {"alone": True})
+    newer = [each.model_copy(update={"report": str(alone)}) if each.condition == "bc" else each for each in models]
+    client = show(destination, store, [*newer, study.model("ta_ci", 1).model_copy(update={"report": models[0].report})])
+    runs = runs_of(client)
+    assert f"/runs/{runs['TA+CI'].info.run_id}/artifacts/report/" in page_of(client)
+    assert sorted(hosts_of(client)) == ["BC", "TA+CI"]
+    client.delete_run(runs["TA+CI"].info.run_id)
+    client = show(destination, store, models)
+    assert f"/runs/{runs['BC'].info.run_id}/artifacts/report/" in page_of(client)
+
+
+def test_a_report_stays_while_the_run_that_made_it_is_repeated(tmp_path, store, study):
+    (model, *_) = study.models(range(1))
+    model.note(tmp_path)
+    model.model_copy(update={"report": ""}).note(tmp_path)
+    assert [each.report for each in noted(tmp_path)] == [model.report]
+    measured = model.model_copy(update={"report": "", "shifted": {"push": model.evaluation}})
+    measured.note(tmp_path)
+    assert [each.report for each in noted(tmp_path)] == [""]
+
+
+def test_what_was_noted_last_is_the_newest_whatever_the_files_say(tmp_path, store, study):
+    for model in (study.model("ta_ci", 0), study.model("bc", 0)):
+        model.note(tmp_path)
+    os.utime(next(tmp_path.glob("*bc*")), (1, 1))
+    assert [model.condition for model in noted(tmp_path)] == ["ta_ci", "bc"]
+
+
+def test_a_kill_between_the_tags_of_a_study_leaves_a_note_that_is_known_as_ours(destination, store, study, monkeypatch):
+    client = show(destination, store, [study.model(seed=0)])
+
+    def killed(self, experiment, key, value):
+        if key == NOTE:
+            raise KeyboardInterrupt
+        set_tag(self, experiment, key, value)
+
+    set_tag = type(client).set_experiment_tag
+    monkeypatch.setattr(type(client), "set_experiment_tag", killed)
+    with pytest.raises(KeyboardInterrupt):
+        show(destination, store, [study.model(seed=0), study.model(seed=1)])
+    monkeypatch.undo()
+    assert "| 1 | 100 |" in page_of(client)
+    assert "| 2 | 200 |" in page_of(show(destination, store, [study.model(seed=0), study.model(seed=1)]))
 
 
 def test_a_note_that_somebody_changed_is_kept(destination, store, study):
@@ -357,6 +430,14 @@ def test_record_links_to_the_pages_where_they_are_served_now(destination, store,
         assert f"({address}/lineage?artifact={models[0].evaluation})" in note_of(client)
     show(destination, store, models)
     assert "http://127.0.0.1:8001" in note_of(client)
+
+
+def test_a_deleted_run_is_not_linked_and_nothing_is_said_of_it(destination, store, study):
+    models = [study.model("bc", 0), study.model("bc", 1)]
+    client = show(destination, store, models)
+    client.delete_run(runs_of(client)["BC, seed 0"].info.run_id)
+    published = publish(client, store, models, destination.artifact_root, "http://127.0.0.1:8000")
+    assert published.problems == []
 
 
 def test_note_that_somebody_changed_is_not_linked(destination, store, study):
