@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullLocator, PercentFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator, PercentFormatter
 
 from juicer.reporting.figures import PAGE, PRINT, Palette, new_figure, own_style, png_of, svg_of
 from juicer.reporting.paper import PAPER_CURVES
@@ -116,6 +116,9 @@ def _scale(axes: Axes, numbers: Sequence[float], label: str) -> None:
         axes.xaxis.set_minor_locator(NullLocator())
         axes.set_xticks([each for number, each in enumerate(places) if _has_room(places, number)])
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    elif all(float(place).is_integer() for place in places):
+        # Rounds and snippets are counted: there is no half of one.
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_xlabel(label)
     axes.set_ylabel("success rate")
     axes.set_ylim(-0.03, 1.03)

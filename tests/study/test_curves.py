@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -83,6 +85,16 @@ def test_a_curve_is_a_table_a_sentence_and_a_drawing_beside_the_papers_points(po
     assert chart.svg.startswith("<svg")
     assert "var(--accent)" in chart.svg
     assert chart.name == "one_leg_demonstrations"
+
+
+def test_what_is_counted_has_no_halves_on_its_axis(result, study):
+    curve = Curve(name="rounds", title="Success", axis="rounds", fit="none", points={"ta": 0, "ta_ci": 4})
+    section = curve_section([study(result("ta", 0.5), result("ta_ci", 0.6), curves=(curve,))])
+    assert section is not None
+    (chart,) = section.charts
+    labels = re.findall(r"<!-- (\S+) -->", chart.svg)
+    assert {"0", "1", "4"} <= set(labels)
+    assert not {label for label in labels if label.endswith((".5", ".0"))}
 
 
 @pytest.mark.parametrize("points", [{"elsewhere": 1}, {"bc": 0, "elsewhere": 1}])
