@@ -117,7 +117,7 @@ def _scale(axes: Axes, numbers: Sequence[float], label: str) -> None:
         axes.set_xticks([each for number, each in enumerate(places) if _has_room(places, number)])
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     elif all(float(place).is_integer() for place in places):
-        # Rounds and snippets are counted: there is no half of one.
+        # Rounds and snippets are whole numbers.
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_xlabel(label)
     axes.set_ylabel("success rate")

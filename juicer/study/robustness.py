@@ -31,8 +31,8 @@ def _tables(study: TaskStudy) -> Iterator[Table]:
     for setting, group in study.groups.items():
         results = [each.result for each in group]
         for seen, alike in by_observation(results).items():
-            columns, rows = robustness_table(alike)
             if any(found for result in alike for found in result.shifted.values()):
+                columns, rows = robustness_table(alike)
                 yield Table(tuple(columns), tuple(map(tuple, rows)), f"{study.task}{under(seen)}{under(setting)}")
         for name in shift_names(results):
             shifted = [found for result in results if (found := result.shifted.get(name))]

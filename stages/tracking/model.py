@@ -76,10 +76,9 @@ class Model(StrictConfig):
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{self.key}{SUFFIX}"
         before = _read(path)
-        is_same = before is not None and before.evaluations == self.evaluations
-        report = self.report or (before.report if before and is_same else "")
+        kept = before.report if before and before.evaluations == self.evaluations else ""
+        noted = self.model_copy(update={"report": self.report or kept, "noted": time.time()})
         draft = path.with_suffix(".draft")
-        noted = self.model_copy(update={"report": report, "noted": time.time()})
         draft.write_text(noted.model_dump_json(), encoding="utf-8")
         draft.replace(path)
 

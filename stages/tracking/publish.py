@@ -6,7 +6,6 @@ data folder therefore changes nothing, and an empty MLflow is filled again. What
 
 from __future__ import annotations
 
-import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -131,8 +130,7 @@ class Study:
 
     def show(self, models: Sequence[Model]) -> list[str]:
         """Show all models of the study, the oldest first; gives a sentence for each that cannot be shown."""
-        is_shown = {model.key: self._attempt(model.label, partial(self._show_model, model)) for model in models}
-        shown = [model for model in models if is_shown[model.key]]
+        shown = [model for model in models if self._attempt(model.label, partial(self._show_model, model))]
         conditions: dict[str, list[Model]] = {}
         # In an order that does not depend on which was finished first.
         for model in sorted(shown, key=lambda model: (model.condition, model.parent_key, model.seed)):
@@ -140,17 +138,16 @@ class Study:
         reports = {parent: _common_report(same) for parent, same in conditions.items()}
         hosts: dict[str, str] = {}
         for parent, report in reports.items():
-            if not ((run := self.find(parent)) and _is_deleted(run)):
+            if report and not ((run := self.find(parent)) and _is_deleted(run)):
                 hosts.setdefault(report, parent)
         for parent, same in conditions.items():
-            host = hosts.get(reports[parent], "")
-            self._attempt(same[0].title, partial(self._show_condition, same, reports[parent], host))
+            report = reports[parent]
+            self._attempt(same[0].title, partial(self._show_condition, same, report, hosts.get(report, "")))
         # Of conditions that are called alike, made by another configuration or other code, the study is of the newest.
         newest = {model.condition: model.parent_key for model in shown if model.task == shown[-1].task}
         told = [model for parent in conditions if parent in newest.values() for model in conditions[parent]]
         if told:
-            report = _common_report(told)
-            self._attempt("the comparison", partial(self._describe, told, report, hosts.get(report, "")))
+            self._attempt("the comparison", partial(self._describe, told, hosts.get(_common_report(told), "")))
         return list(dict.fromkeys(self._problems))
 
     def _attempt(self, label: str, action: Callable[[], None]) -> bool:
@@ -212,10 +209,10 @@ class Study:
             self._client.set_tag(run.info.run_id, PAGES, self._pages)
 
     def _show_condition(self, models: Sequence[Model], report: str, host: str) -> None:
-        """Show the averages of models, and the report if this condition is the one whose run keeps it for all."""
+        """Show the averages of models; the report as well, if the run of this condition is where it is kept."""
         first = models[0]
         made = [report, host, *(ref for model in models for ref in model.evaluations.values())]
-        state = hashlib.sha256(" ".join(made).encode()).hexdigest()
+        state = entries.digest(" ".join(made))
         if (found := self.find(first.parent_key)) and _is_done(found, state):
             return
         models = self._readable(models)
@@ -236,15 +233,15 @@ class Study:
         page = lineage_page(f"{first.title}: what its models were made from", known, names)
         self._client.log_text(run.info.run_id, page, "lineage.html")
         self._client.log_text(run.info.run_id, markdown_table([result]), "comparison.md")
-        if report and host == first.parent_key:
+        if host == first.parent_key:
             folder = self._store.open(ArtifactRef.parse(report), "report")
             self._client.log_artifacts(run.info.run_id, str(folder), "report")
-        self._writer.complete(run, state, end, {NOTE: f"{markdown_table([result])}\n{self._report_link(report, host)}"})
+        self._writer.complete(run, state, end, {NOTE: f"{markdown_table([result])}\n{self._report_link(host)}"})
 
-    def _describe(self, models: Sequence[Model], report: str, host: str) -> None:
+    def _describe(self, models: Sequence[Model], host: str) -> None:
         """Tell on the experiment's page what came out, and what to look at; a note that somebody changed is kept."""
         kept, stamp, told = self._tags.get(NOTE, ""), "juicer.note", "juicer.told"
-        link = self._report_link(report, host)
+        link = self._report_link(host)
         shown = [model.model_dump_json(exclude={"params", "noted"}) for model in models]
         state = entries.digest("".join([link, *shown]))
         ours = self._tags.get(stamp, "").split()
@@ -257,8 +254,8 @@ class Study:
         for key, value in {**entries.views(), stamp: stamps, NOTE: note, told: state}.items():
             self._client.set_experiment_tag(self.experiment, key, value)
 
-    def _report_link(self, report: str, host: str) -> str:
-        run = self.find(host) if report else None
+    def _report_link(self, host: str) -> str:
+        run = self.find(host)
         return entries.report_link(self.experiment, run.info.run_id) if run else ""
 
     def _readable(self, models: Sequence[Model]) -> list[Model]:

@@ -17,8 +17,9 @@ from prefect.task_runners import ThreadPoolTaskRunner
 from prefect.testing.utilities import prefect_test_harness
 
 from juicer.errors import ArtifactError, NothingLeft
+from stages.runtime import prefect_task
 from stages.runtime.context import StageInterrupted
-from stages.runtime.execution import perform_here
+from stages.runtime.execution import is_reused, perform_here
 from stages.runtime.prefect_task import PrefectPerformer, _may_pass
 
 
@@ -128,8 +129,16 @@ def test_interrupt_cancels_the_running_task(toys, tasks):
     assert {name: run.state.name for name, run in task_runs(run_id, 1).items()} == {"dawdle bc seed 0": "Cancelled"}
 
 
-def test_a_task_that_waits_for_a_worker_does_not_begin_after_an_interrupt(toys, tasks, diary):
+def test_a_task_that_waits_for_a_worker_does_not_begin_after_an_interrupt(toys, tasks, diary, monkeypatch):
     isolated = replace(tasks, isolate=True, display=diary)
+    is_called = threading.Event()
+
+    def looked_up(call, session):
+        if call.stage.name == "write":
+            is_called.set()
+        return is_reused(call, session)
+
+    monkeypatch.setattr(prefect_task, "is_reused", looked_up)
 
     def end(stage, **config):
         with pytest.raises(StageInterrupted):
@@ -141,7 +150,7 @@ def test_a_task_that_waits_for_a_worker_does_not_begin_after_an_interrupt(toys, 
             while not (diary.progress or running.done()):
                 time.sleep(0.1)
             waiting = pool.submit(copy_context().run, end, toys.write, words=98)
-            time.sleep(1)
+            assert is_called.wait(60)
             isolated.stop.set()
             running.result()
             waiting.result()
