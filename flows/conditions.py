@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 from flows.shipped import CONFIGS
 from juicer.config import StrictConfig, read_mapping
 from juicer.errors import did_you_mean
+from juicer.reporting.setting import Setting
 from juicer.text import printable
 
 MOST_ROUNDS = 100
@@ -102,16 +103,19 @@ class Condition(StrictConfig):
         max_length=MOST_DEFINITIONS,
         description="what differs for this condition, under the keys of a configuration's top level",
     )
+    setting: Title | None = Field(
+        default=None, description="what people read for its changes; the changes themselves if left out"
+    )
 
     @property
-    def setting(self) -> str:
-        """What it changes, in words; empty if nothing."""
-        return ", ".join(_told(self.changes))
+    def told_setting(self) -> Setting:
+        """What it changes, in words."""
+        return Setting(changes=", ".join(_told(self.changes)), name=self.setting or "")
 
     @property
     def method(self) -> str:
         """Name of the condition that comes with juicer and has the same parts, however often; empty if none has."""
-        parts = Condition.model_fields.keys() - {"title", "rounds", "changes"}
+        parts = Condition.model_fields.keys() - {"title", "rounds", "changes", "setting"}
         return next(
             (
                 name
@@ -139,6 +143,8 @@ class Condition(StrictConfig):
                 "retraining_steps are those of a condition that collects, with models of its own for every task: add "
                 "collect: true and leave out joint_policy, or leave them out"
             )
+        if self.setting and not self.changes:
+            raise ValueError("a setting is the name of what a condition changes: add changes, or leave it out")
         if self.rounds and not self.collect:
             raise ValueError("rounds are those of a condition that collects: add collect: true, or leave them out")
         return self

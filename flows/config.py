@@ -45,11 +45,24 @@ class FlowConfig(LoopConfig):
     def _are_defined(cls, given: Any) -> Any:
         return defined(given)
 
+    @field_validator("conditions")
+    @classmethod
+    def _settings_have_names_of_their_own(cls, conditions: dict[Name, Condition]) -> dict[Name, Condition]:
+        named: dict[str, str] = {}
+        for name, condition in conditions.items():
+            setting = condition.told_setting
+            if setting.name and named.setdefault(setting.name, setting.changes) != setting.changes:
+                raise ValueError(
+                    f"{name}: the setting '{printable(setting.name)}' is the name of other changes as well; "
+                    "give each a name of its own"
+                )
+        return conditions
+
     @model_validator(mode="after")
     def _is_possible(self, info: ValidationInfo) -> Self:
         _check_run(self, info.context or nowhere)
         stop = self.evaluate.stop
-        settings = [self.method(name).setting for name in self.chosen]
+        settings = [self.method(name).told_setting for name in self.chosen]
         if stop and stop.width is None and (len(set(settings)) == len(settings) or not stop.comparison):
             raise ValueError(
                 "evaluate.stop settles nothing: say with evaluate.stop.width how narrow the interval is to be, or "

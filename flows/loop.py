@@ -21,6 +21,7 @@ from juicer.errors import ArtifactNotFound, ConfigError
 from juicer.policy.config import PolicyConfig
 from juicer.policy.encoders.estimated.config import EstimatedConfig
 from juicer.policy.members import EncoderConfig
+from juicer.reporting.setting import Setting
 from juicer.text import printable
 from stages.augment import AugmentConfig, augment
 from stages.collect import collect
@@ -55,7 +56,7 @@ class ModelOutcome:
         finding: Why it learned from less than it should, as a sentence.
         observes: What it sees, and what it was taught with beside; empty if that is not known.
         analyses: What else was found out about it, by the names in the configuration.
-        setting: What its condition changes in the configuration, in words; empty if nothing.
+        setting: What its condition changes in the configuration.
         method: The condition that comes with juicer and has the same parts; empty if there is none.
     """
 
@@ -68,7 +69,7 @@ class ModelOutcome:
     observes: str = ""
     analyses: Mapping[str, ArtifactRef] = field(default_factory=dict)
     shifted: Mapping[str, ArtifactRef | None] = field(default_factory=dict)
-    setting: str = ""
+    setting: Setting = field(default_factory=Setting)
     method: str = ""
 
 
@@ -150,7 +151,7 @@ def run_model(session: Session, config: RunConfig, name: str, seed: int) -> Mode
         evaluation=evaluation,
         finding="; ".join(findings),
         observes=observes,
-        setting=condition.setting,
+        setting=condition.told_setting,
         method=condition.method,
         analyses=_analyses(session, config, name, seed, checkpoint),
         shifted=_evaluate_shifted(session, config, name, checkpoint),

@@ -115,7 +115,7 @@ def _is_alike(run: RunConfig, other: RunConfig) -> bool:
 
 def _of(run: RunConfig, model: ModelOutcome) -> ModelOutcome:
     """A model of a configuration that differs from the first: that is said of it as what a condition changes is."""
-    return replace(model, setting=", ".join(filter(None, (f"as in {run.name}", model.setting))))
+    return replace(model, setting=model.setting.within(f"as in {run.name}"))
 
 
 def _facts(choices: Sequence[Choice], runs: Sequence[RunConfig], studies: Sequence[TaskStudy]) -> dict[str, str]:

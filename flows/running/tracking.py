@@ -114,7 +114,7 @@ class Tracking:
         loops = (loop, *(loop.mix.values() if method.joint_policy else ()))
         content = {
             # What a condition changes is in its loop, and counts there like what the top level says.
-            "made of": method.model_dump(mode="json", exclude={"title", "changes"}),
+            "made of": method.model_dump(mode="json", exclude={"title", "changes", "setting"}),
             "config": [each.model_dump(mode="json", exclude=_NOT_IDENTITY) for each in loops],
             "code": self._code,
         }

@@ -12,6 +12,7 @@ from juicer.config import StrictConfig
 from juicer.episode import Outcome
 from juicer.errors import ArtifactError
 from juicer.evaluation import ConditionResult, ModelResult, summarise
+from juicer.reporting.setting import Setting
 from juicer.storage.evaluations import read_evaluation
 
 
@@ -24,7 +25,7 @@ class ReportRow(StrictConfig):
         seed: Seed of the model.
         shift: Name of the shift that it is under, if it is.
         unnoticed: Names of the shifts that the model cannot notice.
-        setting: What the condition changes in the configuration, in words; empty if nothing.
+        setting: What the condition changes in the configuration.
         method: The condition that comes with juicer and has the same parts; empty if there is none.
     """
 
@@ -33,7 +34,7 @@ class ReportRow(StrictConfig):
     seed: int
     shift: str = ""
     unnoticed: tuple[str, ...] = ()
-    setting: str = ""
+    setting: Setting = Setting()
     method: str = ""
 
     @property

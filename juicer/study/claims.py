@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from juicer.reporting.section import Section, Table
+from juicer.reporting.setting import Setting
 from juicer.study.material import TaskStudy, by_setting
 from juicer.study.rules import (
     AtMost,
@@ -81,7 +82,7 @@ CLAIMS = (
     Claim(
         "From 10 demonstrations, snippets and own successes reach more than 50 demonstrations alone.",
         "bootstrapping",
-        Better("ten_ta_ci_4", "fifty_bc", settings=True),
+        Better("ten_ta_ci_4", "med_bc", settings=True),
         _ONE_LEG,
     ),
     Claim(
@@ -105,12 +106,12 @@ CLAIMS = (
 )
 
 
-def _elsewhere(setting: str, study: TaskStudy) -> Iterator[tuple[str, ...]]:
+def _elsewhere(setting: Setting, study: TaskStudy) -> Iterator[tuple[str, ...]]:
     """Statements about methods, judged by conditions that change something else as well, all of them the same."""
     for claim in CLAIMS:
         verdict = claim.rule.judge(study) if study.task in claim.tasks else None
         if verdict and verdict.ruling is not Ruling.UNTESTED:
-            yield claim.sentence, study.task, setting, verdict.ruling.value, verdict.reason
+            yield claim.sentence, study.task, str(setting), verdict.ruling.value, verdict.reason
 
 
 def claims_section(studies: Sequence[TaskStudy]) -> Section | None:

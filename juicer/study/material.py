@@ -13,6 +13,7 @@ from juicer.evaluation import ConditionResult
 from juicer.reporting.analyses import AnalysisRow
 from juicer.reporting.comparison import ReportRow, condition_results
 from juicer.reporting.content import ShownAnalysis
+from juicer.reporting.setting import Setting
 from juicer.reporting.sources import Sources
 from juicer.study.curves import Curve
 
@@ -29,7 +30,7 @@ class Measured:
 
     Attributes:
         result: The result.
-        setting: What the condition changes in the configuration, in words; empty if nothing.
+        setting: What the condition changes in the configuration.
         states: Where its episodes start and how long they may take, as text: only where this is the same are episodes
             of a number to be compared.
         evaluations: Manifests of its models' evaluations.
@@ -37,7 +38,7 @@ class Measured:
     """
 
     result: ConditionResult
-    setting: str
+    setting: Setting
     states: str
     evaluations: tuple[Manifest, ...]
     method: str = ""
@@ -107,10 +108,10 @@ class TaskStudy:
         """By what they change, conditions that differ in their method alone, and were evaluated alike."""
         groups: dict[tuple[str, str], list[Measured]] = {}
         for each in self.measured.values():
-            groups.setdefault((each.setting, each.states), []).append(each)
+            groups.setdefault((each.setting.changes, each.states), []).append(each)
         words: dict[str, list[Measured]] = {}
-        for (setting, _), group in groups.items():
-            told = setting
+        for group in groups.values():
+            told = str(group[0].setting)
             while told in words:
                 told = ", ".join(filter(None, (told, "other initial states")))
             words[told] = group
@@ -123,15 +124,20 @@ def temperament_of(recording: Manifest) -> str:
     return "" if kind == STEADY else f", {kind}-like"
 
 
-def by_setting(study: TaskStudy) -> Iterator[tuple[str, TaskStudy]]:
+def by_setting(study: TaskStudy) -> Iterator[tuple[Setting, TaskStudy]]:
     """What conditions change, and the same study of those that change this, under the names of their methods.
 
     Where several are of one method, such as loops of more and more rounds, the last counts.
     """
-    for setting in dict.fromkeys(each.setting for each in study.measured.values() if each.setting):
-        alike = {each.method: each for each in study.measured.values() if each.setting == setting and each.method}
+    groups: dict[str, list[Measured]] = {}
+    for each in study.measured.values():
+        groups.setdefault(each.setting.changes, []).append(each)
+    for group in groups.values():
+        if not (setting := group[0].setting):
+            continue
+        alike = {each.method: each for each in group if each.method}
         renamed = {
-            method: replace(each, setting="", result=replace(each.result, condition=method))
+            method: replace(each, setting=Setting(), result=replace(each.result, condition=method))
             for method, each in alike.items()
         }
         yield setting, replace(study, measured=renamed, curves=(), analyses=())

@@ -73,8 +73,9 @@ def _rates(study: TaskStudy) -> Iterator[Table]:
             continue
         for seen, results in by_observation([each.result for each in group]).items():
             rows = tuple(_row(study.task, study.measured[result.condition]) for result in results)
-            base = "" if group[0].setting else study.base
-            yield Table(columns, rows, f"{study.task}{under(seen)}{under(setting)}", base)
+            changed = group[0].setting
+            made_of = study.base if not changed else changed.changes if changed.name else ""
+            yield Table(columns, rows, f"{study.task}{under(seen)}{under(setting)}", made_of)
 
 
 def _row(task: str, measured: Measured) -> tuple[str, ...]:

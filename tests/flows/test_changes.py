@@ -122,6 +122,36 @@ def test_a_mistake_in_changes_is_told_with_file_and_line(tmp_path, changes, mess
         assert "run.yaml:6: " in str(raised.value)
 
 
+@pytest.mark.parametrize(
+    ("conditions", "message"),
+    [
+        ("{few: {setting: few}}", "conditions.few: a setting is the name of what a condition changes: add changes"),
+        (
+            "{few: {setting: few, changes: {rounds: 2}}, more: {setting: few, changes: {rounds: 3}}}",
+            "conditions: more: the setting 'few' is the name of other changes as well",
+        ),
+        ("{few: {setting: '<b>', changes: {rounds: 2}}}", "conditions.few.setting: must be letters, digits"),
+    ],
+)
+def test_a_setting_is_the_name_of_one_set_of_changes(tmp_path, conditions, message):
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        load_runs(write(tmp_path / "run.yaml", f"flow: study\nseeds: [0]\nconditions: {conditions}\n"))
+
+
+def test_the_name_of_a_setting_shapes_no_result_and_is_a_heading(finished, tmp_path, monkeypatch):
+    folder, store, config, _ = finished
+    text = SWEEP.replace("replay: true, changes", "replay: true, setting: medium randomness, changes")
+    named = write(tmp_path / "sweep.yaml", text)
+    (run,) = load_runs(named)
+    models, expected = (evaluated_models(store, each)[0] for each in (run, config))
+    assert [model.evaluation for model in models] == [model.evaluation for model in expected]
+    monkeypatch.setenv("JUICER_STORE", str(folder / "data" / "store"))
+    assert call(["report", str(named), "--output", str(tmp_path / "study.md")]) == 0
+    page = (tmp_path / "study.md").read_text()
+    assert "### one\\_leg, medium randomness\n" in page
+    assert "\nrandomness med\n" in page
+
+
 def test_changes_are_set_from_the_command_line_and_mistakes_there_are_told_so(sweep):
     (config,) = load_runs(sweep, ["conditions.longer.changes.record.demonstrations=3"])
     assert config.loop("longer").record.demonstrations == 3

@@ -20,6 +20,7 @@ from juicer.artifacts.workspace import delete_tree
 from juicer.episode import Outcome
 from juicer.errors import ConfigError, TrainingFailed
 from juicer.evaluation import ConditionResult, ModelResult, summarise
+from juicer.reporting.setting import Setting
 from juicer.reporting.sources import Sources
 from juicer.storage.evaluations import EvaluationRow, write_evaluation
 from juicer.study.material import Measured, TaskStudy
@@ -72,7 +73,8 @@ def condition(name: str, *successes: str) -> ConditionResult:
 
 def study(*results: ConditionResult, **settings: str) -> TaskStudy:
     """Conditions of which some change something, each by its name."""
-    measured = {each.condition: Measured(each, settings.get(each.condition, ""), "states", ()) for each in results}
+    changed = {each.condition: Setting(changes=settings.get(each.condition, "")) for each in results}
+    measured = {each.condition: Measured(each, changed[each.condition], "states", ()) for each in results}
     return TaskStudy("one_leg", measured, cast(Sources, None))
 
 

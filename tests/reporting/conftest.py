@@ -25,6 +25,7 @@ from juicer.reporting.content import (
     TrainingCurve,
 )
 from juicer.reporting.paper import PAPER_TABLE_VI
+from juicer.reporting.setting import Setting
 from juicer.reporting.sources import Sources
 from juicer.seeding import stream
 from juicer.study.material import Measured, TaskStudy
@@ -136,7 +137,7 @@ def report_data() -> ReportData:
         results=(bc, best),
         paper=PAPER_TABLE_VI["one_leg"],
         sections=sections(
-            [TaskStudy("one_leg", {each.condition: Measured(each, "", "", ()) for each in (bc, best)}, unread)],
+            [TaskStudy("one_leg", {each.condition: Measured(each, Setting(), "", ()) for each in (bc, best)}, unread)],
             (differences_section,),
         ),
         funnels=(

@@ -14,6 +14,7 @@ from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Outcome
 from juicer.evaluation import ConditionResult, ModelResult, summarise
 from juicer.reporting.comparison import ReportRow
+from juicer.reporting.setting import Setting
 from juicer.reporting.sources import Sources
 from juicer.seeding import stream
 from juicer.storage.evaluations import EvaluationRow, write_evaluation
@@ -36,7 +37,9 @@ def make_study(*results: ConditionResult, curves: tuple[Curve, ...] = (), settin
     """A study of one_leg; conditions with a setting start from states of their own."""
     settings = settings or {}
     measured = {
-        each.condition: Measured(each, settings.get(each.condition, ""), settings.get(each.condition, ""), ())
+        each.condition: Measured(
+            each, Setting(changes=settings.get(each.condition, "")), settings.get(each.condition, ""), ()
+        )
         for each in results
     }
     # What these sections tell is read off results alone.
@@ -71,7 +74,14 @@ class Made:
         return made.ref
 
     def evaluation(
-        self, condition: str, checkpoint: ArtifactRef, *, seed: int = 0, setting: str = "", **settings: Any
+        self,
+        condition: str,
+        checkpoint: ArtifactRef,
+        *,
+        seed: int = 0,
+        setting: str = "",
+        named: str = "",
+        **settings: Any,
     ) -> None:
         """Of a success and a failure."""
         config = {"task": "one_leg", "seed": seed} | settings
@@ -81,7 +91,8 @@ class Made:
             rows = [EvaluationRow(number, number, outcome, 0, 9) for number, outcome in ends]
             write_evaluation(draft.path, rows)
         self._evaluations.append(recipe.ref)
-        self._rows.append(ReportRow(condition=condition, title=condition.upper(), seed=seed, setting=setting))
+        told = Setting(changes=setting, name=named)
+        self._rows.append(ReportRow(condition=condition, title=condition.upper(), seed=seed, setting=told))
 
     @property
     def study(self) -> TaskStudy:

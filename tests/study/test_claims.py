@@ -12,6 +12,7 @@ from juicer.reporting.analyses import AnalysisRow
 from juicer.reporting.content import ShownAnalysis
 from juicer.reporting.paper import PAPER_TABLE_VI
 from juicer.reporting.report import gather
+from juicer.reporting.setting import Setting
 from juicer.study.claims import CLAIMS, claims_section
 from juicer.study.curves import Curve
 from juicer.study.rules import AtMost, Best, BestWithin, Better, ModelsDiffer, Ruling, SampledAlike, Saturates
@@ -46,7 +47,7 @@ def test_conditions_from_other_initial_states_are_not_compared(study, result):
 
 def test_what_differs_in_more_than_its_method_is_compared_only_by_a_statement_about_that(study, result):
     many = study(result("bc", 0.2, 0.2), result("ta", 0.9, 0.9))
-    many.measured["ta"] = replace(many.measured["ta"], setting="record.demonstrations 500")
+    many.measured["ta"] = replace(many.measured["ta"], setting=Setting(changes="record.demonstrations 500"))
     verdict = Better("ta", "bc").judge(many)
     assert verdict.ruling is Ruling.UNTESTED
     assert verdict.reason == (
@@ -77,6 +78,16 @@ def test_what_conditions_are_based_on_is_told_beside_the_papers(made):
         "(one_leg)."
     )
     assert rates.tables[0].note == "10 demonstrations, randomness med"
+
+
+def test_a_setting_with_a_name_is_a_heading_and_spelled_out_below(made):
+    few = "randomness med, record.demonstrations 10"
+    for name in ("ten_bc", "ten_ta"):
+        checkpoint = made.artifact("train", "checkpoint", config={"name": name})
+        made.evaluation(name, checkpoint, setting=few, named="10 demonstrations")
+    (table,) = success_section([made.study]).tables
+    assert (table.title, table.note) == ("one_leg, 10 demonstrations", few)
+    assert [row[0] for row in table.rows] == ["TEN_BC", "TEN_TA"]
 
 
 def test_the_papers_figures_stand_beside_conditions_that_change_nothing_alone(made):
