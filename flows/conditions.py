@@ -34,6 +34,8 @@ OF_THE_RUN = (
     "evaluate.stop",
 )
 """Keys that no condition changes for itself."""
+WORDS = frozenset({"title", "setting"})
+"""Keys of a condition that people read, and no result depends on."""
 
 
 @cache
@@ -115,7 +117,7 @@ class Condition(StrictConfig):
     @property
     def method(self) -> str:
         """Name of the condition that comes with juicer and has the same parts, however often; empty if none has."""
-        parts = Condition.model_fields.keys() - {"title", "rounds", "changes", "setting"}
+        parts = Condition.model_fields.keys() - WORDS - {"rounds", "changes"}
         return next(
             (
                 name

@@ -53,7 +53,7 @@ class FlowConfig(LoopConfig):
             setting = condition.told_setting
             if setting.name and named.setdefault(setting.name, setting.changes) != setting.changes:
                 raise ValueError(
-                    f"{name}: the setting '{printable(setting.name)}' is the name of other changes as well; "
+                    f"{name}: the setting '{setting.name}' is the name of other changes as well; "
                     "give each a name of its own"
                 )
         return conditions

@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from flows.conditions import WORDS
 from flows.config import RunConfig
 from flows.loop import ModelOutcome
 from juicer.artifacts.code_version import code_version
@@ -114,7 +115,7 @@ class Tracking:
         loops = (loop, *(loop.mix.values() if method.joint_policy else ()))
         content = {
             # What a condition changes is in its loop, and counts there like what the top level says.
-            "made of": method.model_dump(mode="json", exclude={"title", "changes", "setting"}),
+            "made of": method.model_dump(mode="json", exclude={*WORDS, "changes"}),
             "config": [each.model_dump(mode="json", exclude=_NOT_IDENTITY) for each in loops],
             "code": self._code,
         }

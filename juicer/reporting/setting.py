@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from juicer.config import StrictConfig
+from dataclasses import dataclass, field
 
 
-class Setting(StrictConfig):
-    """What a condition changes in the configuration.
+@dataclass(frozen=True)
+class Setting:
+    """What a condition changes in the configuration. Settings of the same changes are equal, whatever they are called.
 
     Attributes:
         changes: Key by key, in words; empty if nothing. Conditions of the same changes differ in their method alone.
@@ -14,7 +15,7 @@ class Setting(StrictConfig):
     """
 
     changes: str = ""
-    name: str = ""
+    name: str = field(default="", compare=False)
 
     def __str__(self) -> str:
         """What people read; empty if nothing is changed."""
@@ -24,7 +25,12 @@ class Setting(StrictConfig):
         """Whether anything is changed."""
         return bool(self.changes)
 
+    @property
+    def spelled_out(self) -> str:
+        """The changes, if people read something else; empty if not."""
+        return self.changes if self.name else ""
+
     def within(self, place: str) -> Setting:
         """The same of a configuration that is itself another one than the page's first."""
-        changes, name = (", ".join(filter(None, (place, own))) for own in (self.changes, str(self)))
-        return Setting(changes=changes, name=name)
+        changes = f"{place}, {self.changes}" if self.changes else place
+        return Setting(changes, self.name and f"{place}, {self.name}")

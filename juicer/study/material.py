@@ -106,12 +106,12 @@ class TaskStudy:
     @property
     def groups(self) -> dict[str, list[Measured]]:
         """By what they change, conditions that differ in their method alone, and were evaluated alike."""
-        groups: dict[tuple[str, str], list[Measured]] = {}
+        groups: dict[tuple[Setting, str], list[Measured]] = {}
         for each in self.measured.values():
-            groups.setdefault((each.setting.changes, each.states), []).append(each)
+            groups.setdefault((each.setting, each.states), []).append(each)
         words: dict[str, list[Measured]] = {}
-        for group in groups.values():
-            told = str(group[0].setting)
+        for (setting, _), group in groups.items():
+            told = str(setting)
             while told in words:
                 told = ", ".join(filter(None, (told, "other initial states")))
             words[told] = group
@@ -129,13 +129,8 @@ def by_setting(study: TaskStudy) -> Iterator[tuple[Setting, TaskStudy]]:
 
     Where several are of one method, such as loops of more and more rounds, the last counts.
     """
-    groups: dict[str, list[Measured]] = {}
-    for each in study.measured.values():
-        groups.setdefault(each.setting.changes, []).append(each)
-    for group in groups.values():
-        if not (setting := group[0].setting):
-            continue
-        alike = {each.method: each for each in group if each.method}
+    for setting in dict.fromkeys(each.setting for each in study.measured.values() if each.setting):
+        alike = {each.method: each for each in study.measured.values() if each.setting == setting and each.method}
         renamed = {
             method: replace(each, setting=Setting(), result=replace(each.result, condition=method))
             for method, each in alike.items()

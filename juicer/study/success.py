@@ -74,8 +74,8 @@ def _rates(study: TaskStudy) -> Iterator[Table]:
         for seen, results in by_observation([each.result for each in group]).items():
             rows = tuple(_row(study.task, study.measured[result.condition]) for result in results)
             changed = group[0].setting
-            made_of = study.base if not changed else changed.changes if changed.name else ""
-            yield Table(columns, rows, f"{study.task}{under(seen)}{under(setting)}", made_of)
+            note = changed.spelled_out if changed else study.base
+            yield Table(columns, rows, f"{study.task}{under(seen)}{under(setting)}", note)
 
 
 def _row(task: str, measured: Measured) -> tuple[str, ...]:

@@ -288,6 +288,9 @@ def test_one_condition_needs_a_width():
     unlike = {"flow": "study", "conditions": {"bc": {}, "ta": {"changes": {"randomness": "med"}}}}
     with pytest.raises(ConfigError, match="several conditions that differ in their method alone"):
         parse_runs({**unlike, "evaluate": {"stop": {}}}, "here")
+    few = {"changes": {"record": {"demonstrations": 10}}}
+    alike = {"flow": "study", "conditions": {"bc": few, "ta": {**few, "setting": "few"}}}
+    assert parse_runs({**alike, "evaluate": {"stop": {}}}, "here"), "a name changes nothing"
     (config,) = parse_runs({"evaluate": {"stop": {"width": 0.2}}}, "here")
     assert isinstance(config, CollectInferConfig)
     assert config.evaluation.episodes == 100

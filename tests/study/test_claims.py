@@ -90,6 +90,14 @@ def test_a_setting_with_a_name_is_a_heading_and_spelled_out_below(made):
     assert [row[0] for row in table.rows] == ["TEN_BC", "TEN_TA"]
 
 
+def test_conditions_that_change_alike_stand_together_whether_their_setting_is_named_or_not(made):
+    for name, named in (("ten_bc", "10 demonstrations"), ("ten_ta", "")):
+        checkpoint = made.artifact("train", "checkpoint", config={"name": name})
+        made.evaluation(name, checkpoint, setting="record.demonstrations 10", named=named)
+    (table,) = success_section([made.study]).tables
+    assert [row[0] for row in table.rows] == ["TEN_BC", "TEN_TA"]
+
+
 def test_the_papers_figures_stand_beside_conditions_that_change_nothing_alone(made):
     for name, setting in (("bc", ""), ("ta", "randomness med")):
         made.evaluation(name, made.artifact("train", "checkpoint", config={"name": name}), setting=setting)
