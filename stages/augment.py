@@ -53,7 +53,7 @@ def augment(
         progress=context.progress,
     )
     task = get_task(demonstrations.records[0].task)
-    summary = AugmentationSummary([task.name_of(state) for state in (*task.critical_states, *task.further_grasps)])
+    summary = AugmentationSummary([task.name_of(state) for state in (*task.critical_states, *task.further_states)])
     # Hundreds of attempts without a snippet are not made again.
     write_episodes(context.draft.path, summary.keep(attempts), {"source": "augmentation"}, may_be_empty=True)
     facts = summary.as_json()

@@ -3,12 +3,14 @@
 An insertion's is the last step at which the second part is held and still clear of the first, just before it comes
 within touching distance on the way to its assembled pose; clearance decides rather than contact, as a peg that is
 aligned well enters its hole without touching it. A grasp's is the last step at which the open gripper is still a little
-away from where it closes. From there the demonstration's own actions carry a snippet through the difficult part.
+away from where it closes; that of the placing of the first part is the last at which it is held and still a little away
+from where it is let go. From there the demonstration's own actions carry a snippet through the difficult part.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +22,8 @@ from juicer.geometry import quat_to_matrix, relative_pose, rotation_angle
 from juicer.gripper import gripper_commands, next_gripper_change
 from juicer.sim.clearance import clearance_m
 from juicer.sim.env import AssemblyEnv
-from juicer.tasks.specification import AssemblyTask, CriticalState, Grasp, Insertion
+from juicer.sim.milestones import BaseProgress
+from juicer.tasks.specification import AssemblyTask, CriticalState, FurtherState, Grasp, Insertion, Placing
 
 # In a clean insertion a held part turns, moves once it is released, and takes time up to the first value;
 # at the second the proposal is worthless. A released part may lean: that is no fault.
@@ -40,10 +43,13 @@ class AnnotationConfig(StrictConfig):
         default=0.06, gt=0, le=10, description="distance from its assembled position within which a part arrives"
     )
     clearance_m: float = Field(default=0.006, gt=0, le=10, description="parts that are closer are about to touch")
-    grasps: bool = Field(
-        default=False, description="whether the grasp of every part is a critical state, beside those of the task"
+    critical_states: Literal["task", "grasps", "all"] = Field(
+        default="task",
+        description="those of the task, or the grasp of every part as well, or both and the placing of the first part",
     )
-    approach_m: float = Field(default=0.02, gt=0, le=10, description="distance from a grasp just before it")
+    approach_m: float = Field(
+        default=0.02, gt=0, le=10, description="distance from a grasp or a placing just before it"
+    )
 
 
 @dataclass(frozen=True)
@@ -61,9 +67,10 @@ class Proposal:
     confidence: float
 
 
-def critical_states(task: AssemblyTask, config: AnnotationConfig) -> tuple[CriticalState, ...]:
+def critical_states(task: AssemblyTask, config: AnnotationConfig) -> tuple[CriticalState | FurtherState, ...]:
     """What is looked for in a demonstration, by index."""
-    return (*task.critical_states, *(task.further_grasps if config.grasps else ()))
+    counted = {"task": (), "grasps": (Grasp,), "all": (Grasp, Placing)}[config.critical_states]
+    return (*task.critical_states, *(state for state in task.further_states if isinstance(state, counted)))
 
 
 def propose(env: AssemblyEnv, demonstration: Episode, config: AnnotationConfig) -> list[Proposal]:
@@ -78,6 +85,8 @@ def propose(env: AssemblyEnv, demonstration: Episode, config: AnnotationConfig) 
     for index, state in enumerate(critical_states(env.task, config)):
         if isinstance(state, Insertion):
             found = _propose_insertion(env, demonstration, state, config)
+        elif isinstance(state, Placing):
+            found = _propose_placing(env, demonstration, config)
         else:
             found = _propose_grasp(env, demonstration, state, config)
         if found is not None:
@@ -123,6 +132,28 @@ def _is_taken_along(demonstration: Episode, part: int, step: int) -> bool:
         :, part, :3
     ]
     return bool(np.linalg.norm(positions[1] - positions[0]) > _TAKEN_ALONG_M)
+
+
+def _propose_placing(env: AssemblyEnv, demonstration: Episode, config: AnnotationConfig) -> tuple[int, float] | None:
+    """Step, and how soon the part was let go after it, between zero and one."""
+    base = BaseProgress(env.task)
+    positions = np.asarray(demonstration.steps["part_poses"], dtype=np.float64).reshape(len(demonstration), -1, 7)[
+        :, :, :3
+    ]
+    closed = gripper_commands(demonstration.steps["action"]) > 0
+    arrival = next((step for step in np.flatnonzero(closed) if base.is_placed(positions[step])), None)
+    if arrival is None:
+        return None
+    change = next_gripper_change(demonstration.steps["action"], int(arrival))
+    release = len(demonstration) - 1 if change is None else change
+    away = np.flatnonzero(np.linalg.norm(positions[:release, 0] - positions[release, 0], axis=1) > config.approach_m)
+    if len(away) == 0 or not closed[away[-1] : release].all():
+        return None
+    step = int(away[-1])
+    env.set_state(demonstration.state(step))
+    if not _is_in_gripper(env, env.task.parts[0].name):
+        return None
+    return step, _fade(release - step, _DURATION_STEPS)
 
 
 def _propose_insertion(

@@ -246,6 +246,15 @@ CriticalState = Grasp | Insertion
 
 
 @dataclass(frozen=True)
+class Placing:
+    """Just before the gripper has pushed the task's first part home: where a policy lets go too early."""
+
+
+FurtherState = Grasp | Placing
+"""What is no critical state of a task, but may count as one."""
+
+
+@dataclass(frozen=True)
 class AssemblyTask:
     """Everything that distinguishes one task from another.
 
@@ -285,15 +294,17 @@ class AssemblyTask:
         return tuple(map(self.name_of, self.critical_states))
 
     @property
-    def further_grasps(self) -> tuple[Grasp, ...]:
-        """Grasps of parts that are no critical states of the task; where they count as such, they follow these."""
+    def further_states(self) -> tuple[FurtherState, ...]:
+        """What may count as a critical state beside those of the task, which it follows: grasps, then the placing."""
         grasps = (Grasp(part) for part in (0, *(pair.second for pair in self.pairs)))
-        return tuple(grasp for grasp in grasps if grasp not in self.critical_states)
+        return (*(grasp for grasp in grasps if grasp not in self.critical_states), Placing())
 
-    def name_of(self, state: CriticalState) -> str:
+    def name_of(self, state: CriticalState | FurtherState) -> str:
         """What happens at a critical state, e.g. ``insert leg``."""
         if isinstance(state, Insertion):
             return f"insert {self.pairs[state.pair].label}"
+        if isinstance(state, Placing):
+            return f"place {self.base_label}"
         labels = {0: self.base_label} | {pair.second: pair.label for pair in self.pairs}
         return f"grasp {labels[state.part]}"
 

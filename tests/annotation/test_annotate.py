@@ -57,7 +57,7 @@ def test_a_leg_that_never_comes_near_its_hole_has_no_critical_state(env: Assembl
 
 def test_the_grasp_of_every_part_can_count_as_a_critical_state(env: AssemblyEnv, recording: OperatorLog):
     demonstration = Ingestion(IngestionConfig(task="one_leg")).ingest_log(recording).episode
-    config = AnnotationConfig(grasps=True)
+    config = AnnotationConfig(critical_states="grasps")
     states = critical_states(env.task, config)
     found = {env.task.name_of(states[each.critical_state]): each.step for each in propose(env, demonstration, config)}
     assert list(found) == ["insert leg", "grasp top", "grasp leg"]
@@ -69,6 +69,29 @@ def test_the_grasp_of_every_part_can_count_as_a_critical_state(env: AssemblyEnv,
         assert part in held(env, demonstration.state(change + 6))
     # What the task itself has keeps its number.
     assert propose(env, demonstration, CONFIG) == propose(env, demonstration, config)[:1]
+
+
+def test_the_placing_of_the_first_part_can_count_as_a_critical_state(env: AssemblyEnv, recording: OperatorLog):
+    demonstration = Ingestion(IngestionConfig(task="one_leg")).ingest_log(recording).episode
+    config = AnnotationConfig(critical_states="all")
+    *others, found = propose(env, demonstration, config)
+    assert others == propose(env, demonstration, AnnotationConfig(critical_states="grasps"))
+    assert env.task.name_of(critical_states(env.task, config)[found.critical_state]) == "place top"
+    assert "square_table_top" in held(env, demonstration.state(found.step))
+    release = next_gripper_change(demonstration.steps["action"], found.step)
+    assert release is not None
+    assert found.step < demonstration.record.milestones["top_placed"] < release
+    top = np.array([demonstration.steps["part_poses"][step][:3] for step in range(found.step, release + 1)])
+    assert np.linalg.norm(top[0] - top[-1]) > config.approach_m >= np.linalg.norm(top[1] - top[-1])
+
+
+def test_a_first_part_that_is_never_pushed_home_has_no_placing(env: AssemblyEnv, recording: OperatorLog):
+    demonstration = Ingestion(IngestionConfig(task="one_leg")).ingest_log(recording).episode
+    aside = {name: values.copy() for name, values in demonstration.steps.items()}
+    aside["part_poses"][:, 1] -= 0.03
+    config = AnnotationConfig(critical_states="all")
+    grasps = propose(env, demonstration, AnnotationConfig(critical_states="grasps"))
+    assert propose(env, replace(demonstration, steps=aside), config) == grasps
 
 
 def test_annotations_do_not_depend_on_the_number_of_workers(insertions: list[Episode]):

@@ -156,7 +156,7 @@ def test_it_is_ingested_as_a_correction_that_says_from_what_it_was_grown(demonst
 
 def test_critical_states_before_its_beginning_are_not_demanded_of_it(demonstration):
     reader = Reader([demonstration.episode])
-    with_grasps = AnnotationConfig(grasps=True)
+    with_grasps = AnnotationConfig(critical_states="grasps")
     assert [row.critical_state for row in annotate(reader, AnnotationConfig(), num_workers=1)] == [0]
     assert [row.critical_state for row in annotate(reader, with_grasps, num_workers=1)] == [0]
 
