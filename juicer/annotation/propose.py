@@ -128,18 +128,19 @@ def _is_taken_along(demonstration: Episode, part: int, step: int) -> bool:
     """Whether a part has moved by some centimetres when the gripper opens again."""
     opens = next_gripper_change(demonstration.steps["action"], step)
     end = len(demonstration) - 1 if opens is None else opens
-    positions = np.asarray(demonstration.steps["part_poses"][[step, end]], dtype=np.float64).reshape(2, -1, 7)[
-        :, part, :3
-    ]
+    positions = _part_positions(demonstration.steps["part_poses"][[step, end]])[:, part]
     return bool(np.linalg.norm(positions[1] - positions[0]) > _TAKEN_ALONG_M)
+
+
+def _part_positions(part_poses: NDArray[np.generic]) -> NDArray[np.float64]:
+    """Positions ``(T, parts, 3)`` from poses ``(T, 7 * parts)``."""
+    return np.asarray(part_poses, dtype=np.float64).reshape(len(part_poses), -1, 7)[:, :, :3]
 
 
 def _propose_placing(env: AssemblyEnv, demonstration: Episode, config: AnnotationConfig) -> tuple[int, float] | None:
     """Step, and how soon the part was let go after it, between zero and one."""
     base = BaseProgress(env.task)
-    positions = np.asarray(demonstration.steps["part_poses"], dtype=np.float64).reshape(len(demonstration), -1, 7)[
-        :, :, :3
-    ]
+    positions = _part_positions(demonstration.steps["part_poses"])
     closed = gripper_commands(demonstration.steps["action"]) > 0
     arrival = next((step for step in np.flatnonzero(closed) if base.is_placed(positions[step])), None)
     if arrival is None:
@@ -150,8 +151,7 @@ def _propose_placing(env: AssemblyEnv, demonstration: Episode, config: Annotatio
     if len(away) == 0 or not closed[away[-1] : release].all():
         return None
     step = int(away[-1])
-    env.set_state(demonstration.state(step))
-    if not _is_in_gripper(env, env.task.parts[0].name):
+    if not _is_touched(env, demonstration, env.task.parts[0].name, step):
         return None
     return step, _fade(release - step, _DURATION_STEPS)
 

@@ -251,7 +251,7 @@ class Placing:
 
 
 FurtherState = Grasp | Placing
-"""What is no critical state of a task, but may count as one."""
+"""A step that is not a critical state of its task, but can be treated as one."""
 
 
 @dataclass(frozen=True)
