@@ -19,6 +19,7 @@ from juicer.augmentation.coverage import Coverage, coverages
 from juicer.augmentation.execute import execute, reproduces
 from juicer.augmentation.plan import POSE_SIZE, draw_kind, plan_departure
 from juicer.augmentation.reference import Reference, reference_of
+from juicer.augmentation.regrasp import regrasp
 from juicer.augmentation.verify import RejectionReason, deviation_from_reference
 from juicer.episode import DemonstrationReader, Episode, Outcome
 from juicer.errors import ArtifactError
@@ -223,6 +224,11 @@ def attempt_snippet(
         coverage: What has been visited around the critical state; the first departure drawn is made without.
     """
     kind = draw_kind(config.departures, rng)
+    if config.grasp is not None:
+        regrasped = regrasp(env, reference, config.grasp, rng)
+        if isinstance(regrasped, RejectionReason):
+            return FailedAttempt(reference.parent, reference.critical_state, kind, regrasped)
+        reference = regrasped
     drawn = (plan_departure(reference.pose, config.departures[kind], rng) for _ in count())
     departure = next(drawn) if coverage is None else coverage.choose(drawn, reference)
     result = execute(env, reference, departure)

@@ -71,6 +71,13 @@ FAR = DepartureConfig(
 """The paper's cone, shrunk to where rollouts go astray; the speeds are a demonstrator's."""
 
 
+class GraspConfig(StrictConfig):
+    """How differently a part is held than in the demonstration."""
+
+    shift_m: float = Field(default=0.006, ge=0, le=0.1, description="bound of shifts across and along the fingers")
+    pitch_deg: float = Field(default=6.0, ge=0, le=90, description="bound of turns about the axis between the fingers")
+
+
 class ToleranceConfig(StrictConfig):
     """How close a snippet must come to the demonstration; the defaults are the paper's."""
 
@@ -111,6 +118,9 @@ class AugmentationConfig(StrictConfig):
         default={"near": NEAR, "beside": BESIDE, "far": FAR}, min_length=1, max_length=64
     )
     placement: Placement = UniformPlacement()
+    grasp: GraspConfig | None = Field(
+        default=None, description="other grasps of what is held at a critical state; none: the demonstration's own"
+    )
     steps_after_gripper_change: int = Field(
         default=5, gt=0, le=10_000, description="where a snippet ends, after the next gripper change (paper 30)"
     )

@@ -32,14 +32,14 @@ def execute(env: AssemblyEnv, reference: Reference, departure: NDArray[np.float6
     # Restoring is exact, controller included, so the first step after it is the demonstration's own. Isaac Gym
     # restores positions only; the paper therefore restores and holds ten times until the scene settles.
     env.set_state(reference.state)
-    held = _held_parts(env)
+    held = held_parts(env)
     achieved = [reference.pose]
     for target in departure:
         observation, *_, info = env.step(_action(target, reference.gripper))
         if info["outcome"] is not None:
             return outcome_rejection(info["outcome"])
         achieved.append(observation["proprioception"][:POSE_SIZE])
-    if not held <= _held_parts(env):
+    if not held <= held_parts(env):
         return RejectionReason.DROPPED
 
     recorder = EpisodeRecorder(env)
@@ -74,7 +74,7 @@ def _action(pose: NDArray[np.floating[Any]], gripper: float) -> NDArray[np.float
     return np.append(pose, gripper).astype(np.float32)
 
 
-def _held_parts(env: AssemblyEnv) -> set[str]:
+def held_parts(env: AssemblyEnv) -> set[str]:
     """Parts that touch the gripper."""
     return {
         part.name for part in env.task.parts if any({"gripper", part.name} == set(pair) for pair in env.contact_pairs())

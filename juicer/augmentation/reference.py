@@ -13,6 +13,9 @@ from juicer.gripper import gripper_commands, next_gripper_change
 GRIPPER_WIDTH = 15
 """Index of the gripper's opening in proprioception."""
 
+_STEPS_BEFORE_GRASP = 15
+"""Where the way to a grasp begins: about 5 cm before it, for a demonstrator's speed."""
+
 
 @dataclass(frozen=True)
 class Expected:
@@ -27,6 +30,19 @@ class Expected:
     remaining: int
     part_poses: NDArray[np.float32]
     gripper_width_m: float
+
+
+@dataclass(frozen=True)
+class GraspBefore:
+    """The way from just before the grasp of what is held at a critical state to that state.
+
+    Attributes:
+        state: Simulator state, with the gripper open.
+        actions: The demonstration's actions from there to the critical state ``(T, 10)``.
+    """
+
+    state: NDArray[np.float64]
+    actions: NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -46,6 +62,7 @@ class Reference:
         actions: The demonstration's actions from there to the end ``(T, 10)``.
         change: What a snippet must show when the gripper's command changes.
         end: What it must show after all actions.
+        grasp: How the demonstration came to hold what it holds there; None if the gripper is open, or was never.
     """
 
     parent: str
@@ -60,6 +77,7 @@ class Reference:
     actions: NDArray[np.float32]
     change: Expected
     end: Expected
+    grasp: GraspBefore | None
 
 
 def reference_of(demonstration: Episode, step: int, critical_state: int, steps_after_gripper_change: int) -> Reference:
@@ -80,6 +98,8 @@ def reference_of(demonstration: Episode, step: int, critical_state: int, steps_a
     commands = gripper_commands(actions)
     begin = int(np.flatnonzero(np.append(True, commands[1 : step + 1] != commands[:step]))[-1])
     end = min(change + steps_after_gripper_change, len(actions))
+    before = max(begin - _STEPS_BEFORE_GRASP, 0)
+    grasped = commands[step] > 0 and begin > 0
 
     def expected(index: int) -> Expected:
         shown = demonstration.observation(index)
@@ -102,4 +122,5 @@ def reference_of(demonstration: Episode, step: int, critical_state: int, steps_a
         actions=actions[step:end].copy(),
         change=expected(change),
         end=expected(end),
+        grasp=GraspBefore(demonstration.state(before).copy(), actions[before:step].copy()) if grasped else None,
     )
