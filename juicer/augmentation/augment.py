@@ -7,7 +7,7 @@ Blocks have a fixed size and are judged in the order of attempts, so threads cha
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import count, groupby
 
@@ -43,19 +43,33 @@ class Snippet:
 
     Attributes:
         episode: Return and arrival, as it goes into storage.
-        critical_state: Critical state it returns to.
+        reference: What it returns to, held as it was in this attempt.
         departure: Kind of departure it returns from.
-        sideways_m: Horizontal distance of its first end-effector pose from the critical one.
-        above_m: How much higher it begins.
-        turned_rad: Angle between the two.
     """
 
     episode: Episode
-    critical_state: int
+    reference: Reference
     departure: str
-    sideways_m: float
-    above_m: float
-    turned_rad: float
+
+    @property
+    def critical_state(self) -> int:
+        """Index of the critical state it returns to."""
+        return self.reference.critical_state
+
+    @property
+    def way_back(self) -> NDArray[np.float64]:
+        """End-effector poses ``(N, 9)`` before it joins the demonstration's actions."""
+        way = len(self.episode) - len(self.reference.actions)
+        return np.asarray(self.episode.steps["proprioception"][:way, :POSE_SIZE], dtype=np.float64)
+
+    @property
+    def start(self) -> tuple[float, float, float]:
+        """Where it begins as seen from the critical pose: metres aside and above, and the angle turned in radians."""
+        first = np.asarray(self.episode.steps["proprioception"][0][:POSE_SIZE], dtype=np.float64)
+        critical = self.reference.pose
+        offset = first[:3] - critical[:3]
+        turned = rotation_angle(rot6d_to_matrix(critical[3:]), rot6d_to_matrix(first[3:]))
+        return float(np.linalg.norm(offset[:2])), float(offset[2]), float(turned)
 
 
 @dataclass(frozen=True)
@@ -157,7 +171,6 @@ def _attempts(
     counts = dict.fromkeys(sorted(by_state), 1)
     placement = config.placement
     coverage = coverages(by_state, placement, rollouts) if isinstance(placement, CoveragePlacement) else {}
-    known = {(reference.parent, reference.critical_state): reference for reference in references}
 
     def work(env: AssemblyEnv, index: int) -> Snippet | FailedAttempt:
         rng = stream(seed, "augment", index)
@@ -179,14 +192,7 @@ def _attempts(
             for state, snippets in kept.items():
                 counts[state] += len(snippets)
                 if state in coverage:
-                    coverage[state].visit(_return(snippet, known) for snippet in snippets)
-
-
-def _return(snippet: Snippet, known: Mapping[tuple[str, int], Reference]) -> tuple[NDArray[np.float64], Reference]:
-    """End-effector poses on a snippet's way back, and where it leads to."""
-    reference = known[str(snippet.episode.record.parent), snippet.critical_state]
-    way = len(snippet.episode) - len(reference.actions)
-    return np.asarray(snippet.episode.steps["proprioception"][:way, :POSE_SIZE], dtype=np.float64), reference
+                    coverage[state].visit((snippet.way_back, snippet.reference.pose) for snippet in snippets)
 
 
 def _unless_repeated(snippet: Snippet, found: set[str]) -> Snippet | FailedAttempt:
@@ -237,20 +243,6 @@ def attempt_snippet(
         if reason is None and not reproduces(env, result):
             reason = RejectionReason.NOT_REPRODUCED
         if reason is None:
-            return _snippet(result, reference, kind)
+            return Snippet(result, reference, kind)
         result = reason
     return FailedAttempt(reference.parent, reference.critical_state, kind, result)
-
-
-def _snippet(episode: Episode, reference: Reference, kind: str) -> Snippet:
-    first = np.asarray(episode.steps["proprioception"][0][:POSE_SIZE], dtype=np.float64)
-    offset = first[:3] - reference.pose[:3]
-    turned = rotation_angle(rot6d_to_matrix(reference.pose[3:]), rot6d_to_matrix(first[3:]))
-    return Snippet(
-        episode=episode,
-        critical_state=reference.critical_state,
-        departure=kind,
-        sideways_m=float(np.linalg.norm(offset[:2])),
-        above_m=float(offset[2]),
-        turned_rad=float(turned),
-    )

@@ -46,9 +46,9 @@ class Coverage:
         self._visited = _Offsets(self._offset(each.phase, each.pose) for each in references)
         self._failed = _Offsets()
 
-    def visit(self, returns: Iterable[tuple[NDArray[np.floating[Any]], Reference]]) -> None:
-        """Note the poses ``(N, 9)`` on the ways back of snippets to their critical states."""
-        self._visited.add(self._offset(poses, reference.pose) for poses, reference in returns)
+    def visit(self, returns: Iterable[tuple[NDArray[np.floating[Any]], NDArray[np.floating[Any]]]]) -> None:
+        """Note the poses ``(N, 9)`` on the ways back of snippets, each with the critical pose ``(9,)`` it leads to."""
+        self._visited.add(self._offset(poses, critical) for poses, critical in returns)
 
     def look_at(self, rollout: Episode) -> None:
         """Note where a successful rollout went, or where another ended.

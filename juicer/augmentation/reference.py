@@ -14,7 +14,7 @@ GRIPPER_WIDTH = 15
 """Index of the gripper's opening in proprioception."""
 
 _STEPS_BEFORE_GRASP = 15
-"""Where the way to a grasp begins: about 5 cm before it, for a demonstrator's speed."""
+"""Where the way to a grasp begins at the earliest: early enough for the end effector to get millimetres aside."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Reference:
         actions: The demonstration's actions from there to the end ``(T, 10)``.
         change: What a snippet must show when the gripper's command changes.
         end: What it must show after all actions.
-        grasp: How the demonstration came to hold what it holds there; None if the gripper is open, or was never.
+        grasp: How the demonstration came to hold what it holds there; None if it is open, or was never before.
     """
 
     parent: str
@@ -96,10 +96,8 @@ def reference_of(demonstration: Episode, step: int, critical_state: int, steps_a
     change = next_gripper_change(actions, step)
     change = len(actions) if change is None else change
     commands = gripper_commands(actions)
-    begin = int(np.flatnonzero(np.append(True, commands[1 : step + 1] != commands[:step]))[-1])
+    begin = _last_change(commands, step)
     end = min(change + steps_after_gripper_change, len(actions))
-    before = max(begin - _STEPS_BEFORE_GRASP, 0)
-    grasped = commands[step] > 0 and begin > 0
 
     def expected(index: int) -> Expected:
         shown = demonstration.observation(index)
@@ -122,5 +120,20 @@ def reference_of(demonstration: Episode, step: int, critical_state: int, steps_a
         actions=actions[step:end].copy(),
         change=expected(change),
         end=expected(end),
-        grasp=GraspBefore(demonstration.state(before).copy(), actions[before:step].copy()) if grasped else None,
+        grasp=_grasp_before(demonstration, step, commands),
     )
+
+
+def _grasp_before(demonstration: Episode, step: int, commands: NDArray[np.float64]) -> GraspBefore | None:
+    closed = _last_change(commands, step)
+    if commands[step] < 0 or closed == 0:
+        return None
+    # Not before the gripper opened for it: what it held until then must not be moved.
+    before = max(closed - _STEPS_BEFORE_GRASP, _last_change(commands, closed - 1))
+    actions = np.asarray(demonstration.steps["action"][before:step], dtype=np.float32)
+    return GraspBefore(demonstration.state(before).copy(), actions)
+
+
+def _last_change(commands: NDArray[np.float64], step: int) -> int:
+    """First step of those up to ``step`` that have its command without a break."""
+    return int(np.flatnonzero(np.append(True, commands[1 : step + 1] != commands[:step]))[-1])

@@ -33,27 +33,29 @@ def regrasp(
     and the same step in the gripper's own frame: what is held goes the demonstrated way.
 
     Args:
-        env: Any environment of the reference's task; its state is replaced.
+        env: Environment of the reference's task without a step limit; its state is replaced.
         reference: Critical state of a demonstration.
         config: How far to move.
         rng: Source of the draw.
 
     Returns:
-        The reference from where the demonstration's way led with that grasp, or why it led nowhere.
+        The reference from where the demonstration's way led with that grasp, with the demonstration's ``phase`` and
+        ``grasp``; or why it led nowhere.
     """
     if reference.grasp is None:
         return reference
+    env.set_state(reference.state)
+    if not (held := held_parts(env)):
+        return reference
     shift = np.array([rng.uniform(-config.shift_m, config.shift_m), 0.0, rng.uniform(-config.shift_m, config.shift_m)])
     turn = axis_rotation("y", math.radians(rng.uniform(-config.pitch_deg, config.pitch_deg)))
-    env.set_state(reference.state)
-    held = held_parts(env)
     env.set_state(reference.grasp.state)
     for action in moved(reference.grasp.actions, shift, turn):
         observation, *_, info = env.step(action)
         if info["outcome"] is not None:
             return outcome_rejection(info["outcome"])
     if not held <= held_parts(env):
-        return RejectionReason.DROPPED
+        return RejectionReason.MISSED
     return replace(
         reference,
         state=env.get_state(),

@@ -50,9 +50,10 @@ class AugmentationSummary:
             self._kept_at[attempt.critical_state] += 1
             self._parents[attempt.episode.record.parent] += 1
             self._lengths.append(len(attempt.episode))
-            self._sideways_mm.append(1e3 * attempt.sideways_m)
-            self._above_mm.append(1e3 * attempt.above_m)
-            self._turned_deg.append(math.degrees(attempt.turned_rad))
+            sideways_m, above_m, turned_rad = attempt.start
+            self._sideways_mm.append(1e3 * sideways_m)
+            self._above_mm.append(1e3 * above_m)
+            self._turned_deg.append(math.degrees(turned_rad))
             yield attempt.episode
 
     def why_nothing(self, config: AugmentationConfig) -> str:
@@ -67,7 +68,7 @@ class AugmentationSummary:
         reason, count = self._rejections.most_common(1)[0]
         return (
             f"no corrective episode: none of {self._tried.total()} attempts succeeded, {count} ended with "
-            f"'{reason}'; look at the ranges in augment.departures and at augment.tolerance"
+            f"'{reason}'; look at the ranges in {_ranges(config)} and at augment.tolerance"
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -92,6 +93,11 @@ class AugmentationSummary:
             "start_above_mm": histogram(self._above_mm, ABOVE_EDGES_MM),
             "start_turned_deg": histogram(self._turned_deg, TURNED_EDGES_DEG),
         }
+
+
+def _ranges(config: AugmentationConfig) -> str:
+    """Settings that say how far attempts leave the demonstration."""
+    return "augment.departures" if config.grasp is None else "augment.departures and augment.grasp"
 
 
 def histogram(values: Sequence[float], edges: Sequence[int]) -> dict[str, int]:

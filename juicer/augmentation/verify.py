@@ -16,6 +16,7 @@ from juicer.geometry import quat_to_matrix, rotation_angle
 class RejectionReason(StrEnum):
     """Why an attempt gave no snippet."""
 
+    MISSED = "missed"
     DROPPED = "dropped"
     PART_LOST = "part_lost"
     DIVERGED = "diverged"

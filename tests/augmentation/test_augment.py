@@ -54,7 +54,7 @@ def test_as_many_snippets_as_wanted_come_from_the_demonstrations(
     assert len(kept) == 3
     assert {snippet.episode.record.parent for snippet in kept} <= {episode.record.episode_id for episode in insertions}
     assert all(snippet.episode.record.critical_state == 0 for snippet in kept)
-    assert all(snippet.sideways_m > 0 for snippet in kept)
+    assert all(snippet.start[0] > 0 for snippet in kept)
 
 
 def test_the_number_of_workers_changes_nothing(attempts: list[Snippet | FailedAttempt], insertions: list[Episode]):
@@ -71,7 +71,7 @@ def test_the_number_of_workers_changes_nothing(attempts: list[Snippet | FailedAt
 def test_another_seed_gives_other_snippets(attempts: list[Snippet | FailedAttempt], insertions: list[Episode]):
     one = CONFIG.model_copy(update={"num_snippets": 1})
     first, second = snippets(attempts)[0], snippets(run(insertions, seed=1, config=one))[0]
-    assert first.sideways_m != second.sideways_m
+    assert first.start != second.start
 
 
 def test_wanting_fewer_snippets_gives_the_first_of_them(
@@ -92,7 +92,7 @@ def test_critical_states_are_balanced_even_if_one_is_rejected_more_often(
         if reference.critical_state == 1 and rng.random() < 0.7:
             return FailedAttempt(reference.parent, 1, "far", RejectionReason.DROPPED)
         record = replace(insertions[0].record, episode_id=str(rng.random()))
-        return Snippet(replace(insertions[0], record=record), reference.critical_state, "far", 0.0, 0.0, 0.0)
+        return Snippet(replace(insertions[0], record=record), reference, "far")
 
     monkeypatch.setattr(module, "attempt_snippet", judge)
     annotations = [critical(insertions[0]), critical(insertions[1]), critical(insertions[0], 1)]
@@ -104,7 +104,7 @@ def test_critical_states_are_balanced_even_if_one_is_rejected_more_often(
 
 def test_the_same_snippet_counts_once(insertions: list[Episode], monkeypatch: pytest.MonkeyPatch):
     def judge(env: object, reference: Any, config: object, rng: object, *_: object) -> Snippet:
-        return Snippet(insertions[0], reference.critical_state, "far", 0.0, 0.0, 0.0)
+        return Snippet(insertions[0], reference, "far")
 
     monkeypatch.setattr(module, "attempt_snippet", judge)
     first, *others = run(insertions, config=AugmentationConfig(num_snippets=2, max_attempts_per_snippet=2))

@@ -41,7 +41,7 @@ def rollout(insertion: Episode, outcome: Outcome, steps: int, along_x_m: float =
 def test_the_departure_that_leads_farthest_from_what_was_visited_is_made(reference: Reference):
     coverage = Coverage(PLACEMENT, [reference])
     assert chosen(coverage, reference, 0.01, 0.02) == 0.02
-    coverage.visit([(aside(reference, 0.022), reference)])
+    coverage.visit([(aside(reference, 0.022), reference.pose)])
     assert chosen(coverage, reference, 0.01, 0.02) == 0.01
 
 
@@ -88,7 +88,7 @@ def test_as_many_departures_lie_farther_apart_than_drawn_ones(reference: Referen
     placed = []
     for _ in range(60):
         departure = coverage.choose((plan_departure(reference.pose, FAR, rng) for _ in range(16)), reference)
-        coverage.visit([(departure, reference)])
+        coverage.visit([(departure, reference.pose)])
         placed.append(departure)
     apart = [nearest_neighbours([each[-1, :3] for each in departures]) for departures in (drawn, placed)]
     assert np.median(apart[1]) > 1.5 * np.median(apart[0])
