@@ -120,12 +120,11 @@ def reference_of(demonstration: Episode, step: int, critical_state: int, steps_a
         actions=actions[step:end].copy(),
         change=expected(change),
         end=expected(end),
-        grasp=_grasp_before(demonstration, step, commands),
+        grasp=_grasp_before(demonstration, step, commands, begin),
     )
 
 
-def _grasp_before(demonstration: Episode, step: int, commands: NDArray[np.float64]) -> GraspBefore | None:
-    closed = _last_change(commands, step)
+def _grasp_before(demonstration: Episode, step: int, commands: NDArray[np.float64], closed: int) -> GraspBefore | None:
     if commands[step] < 0 or closed == 0:
         return None
     # Not before the gripper opened for it: what it held until then must not be moved.
