@@ -40,9 +40,9 @@ def test_the_demonstration_itself_matches(snippet: Episode, reference: Reference
 def test_every_part_must_be_where_it_was_when_the_gripper_changes(
     snippet: Episode, reference: Reference, change: int, part: int
 ):
-    snippet.steps["part_poses"][change, 7 * part + 1] += 0.005
+    snippet.steps["part_poses"][change, 7 * part + 1] += 0.0015
     assert deviation_from_reference(snippet, reference, CONFIG) is None
-    snippet.steps["part_poses"][change, 7 * part + 1] += 0.002
+    snippet.steps["part_poses"][change, 7 * part + 1] += 0.001
     assert deviation_from_reference(snippet, reference, CONFIG) is RejectionReason.PART_POSITION
 
 
