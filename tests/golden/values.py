@@ -27,11 +27,17 @@ def save_values(values: Values) -> None:
 def merged(old: Values, new: Values) -> Values:
     """New values beside those of other environments.
 
-    If a value has changed within an environment, the other environments' values are out of date too, and are dropped.
+    If a value has changed within an environment, other environments' values of the same name are out of date too, and
+    are dropped.
     """
-    changed = any(
-        old.get(environment, {}).get(name, value) != value
+    changed = {
+        name
         for environment, cases in new.items()
         for name, value in cases.items()
-    )
-    return new if changed else {**old, **new}
+        if old.get(environment, {}).get(name, value) != value
+    }
+    others = {
+        environment: {name: value for name, value in cases.items() if name not in changed}
+        for environment, cases in old.items()
+    }
+    return {**others, **new}
