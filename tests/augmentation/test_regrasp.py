@@ -23,7 +23,7 @@ from tests.reader import Reader
 LEG = 4
 CRITICAL = 46
 CONFIG = GraspConfig()
-MILLIMETRES = ToleranceConfig(position_m=0.006)
+WITHIN_6_MM = ToleranceConfig(position_m=0.006)
 ANY_END = ToleranceConfig(position_m=1.0, rotation_deg=360.0, gripper_width_m=1.0)
 
 
@@ -66,7 +66,7 @@ def test_a_leg_is_held_elsewhere_and_still_goes_where_it_went(env: AssemblyEnv, 
         assert isinstance(other, Reference)
         snippet = execute(env, other, np.empty((0, POSE_SIZE)))
         assert isinstance(snippet, Episode)
-        assert deviation_from_reference(snippet, grasped, AugmentationConfig(tolerance=MILLIMETRES)) is None
+        assert deviation_from_reference(snippet, grasped, AugmentationConfig(tolerance=WITHIN_6_MM)) is None
         found, turned = in_hand(env, other.state)
         places.append([*(found - position), rotation_angle(axes, turned)])
     spread = np.ptp(np.array(places), axis=0)

@@ -40,6 +40,7 @@ def test_a_new_environment_is_recorded_beside_the_others():
 
 
 def test_a_changed_result_drops_what_other_environments_recorded_before_it():
+    assert merged({"a": {"loss": 1}, "b": {"loss": 1}}, {"a": {"loss": 2}}) == {"a": {"loss": 2}}
     old = {"a": {"loss": 1, "rate": 3}, "b": {"loss": 1, "rate": 4}}
     new = {"a": {"loss": 2, "rate": 3}}
     assert merged(old, new) == {"a": {"loss": 2, "rate": 3}, "b": {"rate": 4}}

@@ -40,4 +40,4 @@ def merged(old: Values, new: Values) -> Values:
         environment: {name: value for name, value in cases.items() if name not in changed}
         for environment, cases in old.items()
     }
-    return {**others, **new}
+    return {environment: cases for environment, cases in {**others, **new}.items() if cases}
