@@ -28,6 +28,9 @@ class DepartureConfig(StrictConfig):
     distance_m: Range = Field(description="length of the move into the cone")
     polar_deg: Range = Field(description="angle of that move from the vertical; 90 is sideways")
     rotation_deg: float = Field(ge=0, le=180, description="bound of roll, pitch and yaw about the gripper's axes")
+    yaw_deg: float | None = Field(
+        default=None, ge=0, le=180, description="bound of yaw, where it is not that of roll and pitch"
+    )
     descent_m: Range = Field(
         default=(0.0, 0.0), description="straight down, after everything else; what is held may come to press"
     )
@@ -70,6 +73,18 @@ FAR = DepartureConfig(
 )
 """The paper's cone, shrunk to where rollouts go astray; the speeds are a demonstrator's."""
 
+TURNED = DepartureConfig(
+    weight=2.0,
+    lift_m=(0.02, 0.06),
+    distance_m=(0.001, 0.03),
+    polar_deg=(60.0, 90.0),
+    rotation_deg=4.0,
+    yaw_deg=45.0,
+    step_m=(0.004, 0.01),
+    step_deg=(4.3, 7.5),
+)
+"""Over the goal, turned about the gripper's axis: what a policy meets that has not turned far enough on its way."""
+
 
 class GraspConfig(StrictConfig):
     """How differently a part is held than in the demonstration."""
@@ -110,12 +125,12 @@ Placement = Annotated[UniformPlacement | CoveragePlacement, Field(discriminator=
 class AugmentationConfig(StrictConfig):
     """Which corrective episodes to make, and when to believe one."""
 
-    num_snippets: int = Field(default=192, gt=0, le=1_000_000, description="corrective episodes wanted")
+    num_snippets: int = Field(default=288, gt=0, le=1_000_000, description="corrective episodes wanted")
     max_attempts_per_snippet: int = Field(
         default=4, gt=0, le=1000, description="attempts after which to settle for less"
     )
     departures: dict[Annotated[str, Field(min_length=1, max_length=100)], DepartureConfig] = Field(
-        default={"near": NEAR, "beside": BESIDE, "far": FAR}, min_length=1, max_length=64
+        default={"near": NEAR, "beside": BESIDE, "turned": TURNED, "far": FAR}, min_length=1, max_length=64
     )
     placement: Placement = UniformPlacement()
     grasp: GraspConfig | None = Field(

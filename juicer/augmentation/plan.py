@@ -45,7 +45,9 @@ def plan_departure(
     away = distance * np.array(
         [math.sin(polar) * math.cos(azimuth), math.sin(polar) * math.sin(azimuth), math.cos(polar)]
     )
-    roll, pitch, yaw = np.radians(rng.uniform(-config.rotation_deg, config.rotation_deg, size=3))
+    yaw_deg = config.rotation_deg if config.yaw_deg is None else config.yaw_deg
+    bounds = np.radians([config.rotation_deg, config.rotation_deg, yaw_deg])
+    roll, pitch, yaw = rng.uniform(-bounds, bounds)
     turn = matrix_to_rotvec(axis_rotation("z", yaw) @ axis_rotation("y", pitch) @ axis_rotation("x", roll))
     down = np.array([0.0, 0.0, -rng.uniform(*config.descent_m)])
     step_m, step_rad = rng.uniform(*config.step_m), math.radians(rng.uniform(*config.step_deg))
@@ -61,8 +63,12 @@ def plan_departure(
             _poses(_shares(np.linalg.norm(down), step_m), moved, down, turned),
         ]
     )
-    # The arm reaches 0.86 m; the environment refuses entries beyond one.
-    return targets.clip(-1.0, 1.0)
+    return admissible(targets)
+
+
+def admissible(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Poses ``(..., 9)`` as the environment takes them: the arm reaches 0.86 m, and entries beyond 1 are refused."""
+    return poses.clip(-1.0, 1.0)
 
 
 def reverse(achieved: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from juicer.augmentation.config import GraspConfig
 from juicer.augmentation.execute import held_parts
-from juicer.augmentation.plan import POSE_SIZE
+from juicer.augmentation.plan import POSE_SIZE, admissible
 from juicer.augmentation.reference import Reference
 from juicer.augmentation.verify import RejectionReason, outcome_rejection
 from juicer.geometry import axis_rotation, matrix_to_rot6d, rot6d_to_matrix
@@ -68,6 +68,5 @@ def moved(actions: Array, shift: Array, turn: Array) -> NDArray[np.float32]:
     """Actions ``(T, 10)`` whose poses are shifted (m) and turned in the end effector's own frame."""
     rotations = rot6d_to_matrix(actions[:, 3:POSE_SIZE])
     positions = actions[:, :3] + rotations @ shift
-    # The arm reaches 0.86 m; the environment refuses entries beyond one.
-    poses = np.concatenate([positions, matrix_to_rot6d(rotations @ turn)], axis=1).clip(-1.0, 1.0)
+    poses = admissible(np.concatenate([positions, matrix_to_rot6d(rotations @ turn)], axis=1))
     return np.concatenate([poses, actions[:, POSE_SIZE:]], axis=1).astype(np.float32)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from juicer.augmentation.config import BESIDE, FAR, NEAR, DepartureConfig
+from juicer.augmentation.config import BESIDE, FAR, NEAR, TURNED, DepartureConfig
 from juicer.augmentation.plan import draw_kind, plan_departure, reverse
 from juicer.geometry import matrix_to_rot6d, rot6d_to_matrix, rotation_angle, rotvec_to_matrix
 
@@ -29,7 +29,7 @@ def path(config: DepartureConfig, seed: int = 0) -> NDArray[np.float64]:
     return np.concatenate([START[None], plan(config, seed)])
 
 
-@pytest.mark.parametrize("config", [NEAR, BESIDE, FAR, WIDE])
+@pytest.mark.parametrize("config", [NEAR, BESIDE, TURNED, FAR, WIDE])
 @pytest.mark.parametrize("seed", range(20))
 def test_no_step_is_longer_than_allowed(config: DepartureConfig, seed: int):
     poses = path(config, seed)
@@ -61,6 +61,21 @@ def test_it_turns_on_the_spot():
     turning = np.any(np.abs(np.diff(targets[:, 3:], axis=0)) > 1e-9, axis=1)
     assert turning.any()
     np.testing.assert_allclose(np.diff(targets[:, :3], axis=0)[turning], 0, atol=1e-12)
+
+
+def test_it_turns_farther_about_the_grippers_axis_than_it_tilts():
+    ends = [START_ROTATION.T @ rot6d_to_matrix(path(TURNED, seed)[-1, 3:]) for seed in range(100)]
+    tilts = np.degrees([np.arccos(end[2, 2].clip(-1, 1)) for end in ends])
+    yaws = np.degrees([np.arctan2(end[1, 0], end[0, 0]) for end in ends])
+    assert tilts.max() <= np.hypot(4, 4)
+    assert -45 <= yaws.min() < -40
+    assert 40 < yaws.max() <= 45
+
+
+def test_without_a_bound_of_its_own_yaw_has_that_of_the_others():
+    ends = [START_ROTATION.T @ rot6d_to_matrix(path(NEAR, seed)[-1, 3:]) for seed in range(100)]
+    yaws = np.degrees([np.arctan2(end[1, 0], end[0, 0]) for end in ends])
+    assert 3.5 < np.abs(yaws).max() <= 4.1
 
 
 def test_it_descends_at_the_end():
