@@ -30,6 +30,7 @@ OF_THE_RUN = (
     "seeds",
     "curves",
     "analysed_seed",
+    "left_out",
     "shifted",
     "evaluate.stop",
 )

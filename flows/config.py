@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_serializer, field_validator, model_validator
@@ -63,7 +63,8 @@ class FlowConfig(LoopConfig):
         _check_run(self, info.context or nowhere)
         stop = self.evaluate.stop
         settings = [self.method(name).told_setting for name in self.chosen]
-        if stop and stop.width is None and (len(set(settings)) == len(settings) or not stop.comparison):
+        is_whole = len(self.nameable) == len(self.conditions)
+        if stop and stop.width is None and is_whole and (len(set(settings)) == len(settings) or not stop.comparison):
             raise ValueError(
                 "evaluate.stop settles nothing: say with evaluate.stop.width how narrow the interval is to be, or "
                 "compare several conditions that differ in their method alone"
@@ -101,6 +102,11 @@ class FlowConfig(LoopConfig):
         """The shifts under which a condition's models are measured as well; those that it names itself always count."""
         is_asked = not self.shifted or name in self.shifted or "shifts" in self.method(name).changes
         return self.loop(name).shifts if is_asked else {}
+
+    @property
+    def nameable(self) -> Collection[str]:
+        """Names of the conditions that what is said of them may name."""
+        return self.conditions
 
     @property
     @abstractmethod
@@ -193,6 +199,7 @@ class StudyConfig(FlowConfig):
         conditions: What is compared: what each condition is made of, by name.
         curves: By name, conditions that differ in one number, drawn over it.
         analysed_seed: The seed whose models are analysed where not those of every seed are; if empty, the first.
+        left_out: Conditions that a part of a study leaves out; what was said of the whole may still name them.
     """
 
     flow: Literal["study"] = "study"
@@ -202,6 +209,7 @@ class StudyConfig(FlowConfig):
     seeds: tuple[RunSeed, ...] = Field(default=(0, 1, 2, 3, 4), min_length=1, max_length=MOST_SEEDS)
     curves: dict[Name, CurveConfig] = Field(default={}, max_length=MOST_DEFINITIONS)
     analysed_seed: RunSeed | None = None
+    left_out: tuple[Name, ...] = Field(default=(), max_length=MOST_DEFINITIONS)
 
     @model_validator(mode="after")
     def _has_the_points_of_its_curves(self) -> Self:
@@ -212,6 +220,11 @@ class StudyConfig(FlowConfig):
                     raise ValueError(f"curves.{name}: unknown condition '{printable(condition)}'{near}")
             self._points(name)
         return self
+
+    @property
+    def nameable(self) -> Collection[str]:
+        """Those of the whole study."""
+        return (*self.conditions, *self.left_out)
 
     @property
     def drawn_curves(self) -> tuple[Curve, ...]:
@@ -246,6 +259,7 @@ class StudyConfig(FlowConfig):
         return self.model_copy(
             update={
                 "conditions": kept,
+                "left_out": (*self.left_out, *(name for name in self.conditions if name not in kept)),
                 "seeds": tuple(each for each in self.seeds if not seeds or each in seeds),
                 # Of a study that is run in parts, no part analyses more than the whole.
                 "analysed_seed": self.first_seed if seeds else self.analysed_seed,
@@ -324,8 +338,8 @@ def _check_run(config: FlowConfig, place: Place) -> None:
 
 def _check_known(config: FlowConfig, where: str, conditions: Iterable[str]) -> None:
     for name in conditions:
-        if name not in config.conditions and shipped(name) is None:
-            near = did_you_mean(name, {**defaults()["conditions"], **config.conditions})
+        if name not in config.nameable and shipped(name) is None:
+            near = did_you_mean(name, {*defaults()["conditions"], *config.nameable})
             raise ValueError(f"{where}: there is no condition '{name}'{near}")
 
 

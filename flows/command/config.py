@@ -46,7 +46,7 @@ def full_content(written: Written, runs: list[RunConfig]) -> dict[str, Any]:
     first = runs[0]
     content: dict[str, Any] = {FLOW_KEY: written.values.get(FLOW_KEY, DEFAULT_FLOW)}
     of_one = ("conditions", "condition", "seed", "shifted")
-    of_study = ("conditions", "seeds", "curves", "analysed_seed", "shifted")
+    of_study = ("conditions", "left_out", "seeds", "curves", "analysed_seed", "shifted")
     own = of_study if content[FLOW_KEY] == "study" else of_one
     tasks = written.values.get(TASKS_KEY)
     of_flow = first.model_dump(mode="json", include=set(own))

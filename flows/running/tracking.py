@@ -28,6 +28,7 @@ _NOT_IDENTITY = {
     "labels",
     "analyses",
     "analysed_seed",
+    "left_out",
     "shifts",
     "shifted",
     "mix",

@@ -294,3 +294,15 @@ def test_a_list_of_tasks_will_do(tmp_path):
 def test_wrong_tasks_are_told(tmp_path, text, message):
     with pytest.raises(ConfigError, match=message):
         load_runs(write(tmp_path, text))
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.name)
+def test_every_condition_of_a_study_of_the_repository_can_be_run_alone(path):
+    """Prefect validates what a flow is given once more, as JSON."""
+    for whole in load_runs(path):
+        for condition in whole.conditions if isinstance(whole, StudyConfig) else ():
+            part = whole.narrowed([condition], [])
+            again = StudyConfig.model_validate(part.model_dump(mode="json"))
+            assert again == part
+            assert list(again.conditions) == [condition]
+            assert again.narrowed([condition], []) == part

@@ -294,3 +294,9 @@ def test_one_condition_needs_a_width():
     (config,) = parse_runs({"evaluate": {"stop": {"width": 0.2}}}, "here")
     assert isinstance(config, CollectInferConfig)
     assert config.evaluation.episodes == 100
+
+
+def test_one_condition_of_a_study_that_may_stop_is_run_alone_to_the_end():
+    """Of a part, nothing is settled by a comparison; what it is compared with later resumes from there."""
+    part = STUDY.narrowed(["bc"], [])
+    assert StudyConfig.model_validate(part.model_dump(mode="json")) == part
