@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
@@ -38,6 +39,19 @@ Coordinate = Annotated[float, Field(ge=-10, le=10)]
 Target = tuple[Coordinate, Coordinate, Coordinate, Coordinate, Coordinate, Coordinate, Coordinate]
 
 
+class SymmetrySpec(StrictConfig):
+    """After which turn about its own y axis a part looks the same, to the fingers at least.
+
+    Attributes:
+        every_rad: The turn.
+        straight: Its rotation when it is not turned, a quaternion wxyz: of a task's first part in the robot base frame,
+            of a part that is mounted as seen from the end effector that screws it.
+    """
+
+    every_rad: float = Field(gt=0, le=2 * math.pi)
+    straight: tuple[Coordinate, Coordinate, Coordinate, Coordinate]
+
+
 class PairSpec(StrictConfig):
     """Two parts that are to be joined, the second inserted along its own y axis and screwed about it.
 
@@ -47,6 +61,7 @@ class PairSpec(StrictConfig):
         target: Assembled pose ``(7,)`` of the second part in the frame of the first: metres, quaternion wxyz.
         also_at: Other poses at which it counts as mounted, in the same frame.
         any_rotation: Whether it is mounted however it is turned.
+        symmetry: Of the second part, if it has one.
     """
 
     first: int = Field(ge=0, lt=MOST_PARTS)
@@ -54,6 +69,7 @@ class PairSpec(StrictConfig):
     target: Target
     also_at: tuple[Target, ...] = Field(default=(), max_length=MOST_TARGETS)
     any_rotation: bool = False
+    symmetry: SymmetrySpec | None = None
 
 
 class FeatureSpec(StrictConfig):
@@ -64,12 +80,14 @@ class FeatureSpec(StrictConfig):
         pairs: What is to be joined, in order.
         mounted_m: How close each coordinate of a part must be to its place for it to be mounted.
         mounted_cosine: Least cosine of the angle between each of its axes and where that belongs.
+        symmetry: Of the first part and the places on it, if they have one.
     """
 
     num_parts: int = Field(gt=0, le=MOST_PARTS)
     pairs: tuple[PairSpec, ...] = Field(min_length=1, max_length=MOST_PAIRS)
     mounted_m: float = Field(gt=0, le=10)
     mounted_cosine: float = Field(ge=-1, le=1)
+    symmetry: SymmetrySpec | None = None
 
     @model_validator(mode="after")
     def _pairs_name_parts(self) -> Self:

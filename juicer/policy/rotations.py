@@ -60,3 +60,11 @@ def euler_xyz_to_matrix(angles_rad: Tensor) -> Tensor:
 def rotate_back(matrix: Tensor, vector: Tensor) -> Tensor:
     """``matrix^T vector``: base-frame vectors ``(..., 3)`` seen in the frame of ``matrix`` ``(..., 3, 3)``."""
     return (matrix * vector.unsqueeze(-1)).sum(-2)
+
+
+def twist_about_y(matrix: Tensor) -> Tensor:
+    """Sine and cosine ``(..., 2)`` of the rotation about the y axis (swing-twist decomposition)."""
+    cosine = matrix[..., 2, 2] + matrix[..., 0, 0]
+    sine = matrix[..., 0, 2] - matrix[..., 2, 0]
+    # Both vanish only for a part turned upside down, where the twist is undefined.
+    return torch.stack([sine, cosine], dim=-1) / torch.hypot(sine, cosine).clamp_min(1e-6).unsqueeze(-1)

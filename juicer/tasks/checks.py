@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import asdict
 from functools import cache
 
+import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from juicer.config import canonical_json
 from juicer.tasks import handling, specification
-from juicer.tasks.specification import AssemblyPair, AssemblyTask, Grasp
+from juicer.tasks.specification import AssemblyPair, AssemblyTask, Grasp, PartSpec
 
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
@@ -38,12 +40,7 @@ def check_task(task: object, name: str) -> str:
 def _contradictions(task: AssemblyTask, name: str) -> Iterator[str]:
     if task.name != name or not _NAME.fullmatch(name):
         yield f"it calls itself '{task.name}'; both names must be the same lower-case words, joined by underscores"
-    if not task.parts or not task.pairs:
-        yield "it has no parts or no pairs"
-    if len({part.name for part in task.parts}) < len(task.parts):
-        yield "two of its parts have one name"
-    if len({pair.label for pair in task.pairs}) < len(task.pairs):
-        yield "two of its pairs have one label"
+    yield from _naming_contradictions(task)
     for place, pair in enumerate(task.pairs):
         yield from _pair_contradictions(pair, place, range(len(task.parts)))
     if {len(layout) for layout in task.high_layouts} - {len(task.parts)}:
@@ -54,6 +51,17 @@ def _contradictions(task: AssemblyTask, name: str) -> Iterator[str]:
             yield f"its critical state {state} is of nothing that is there"
     if min(task.max_steps, task.gripper_width_m, *(part.mass for part in task.parts)) <= 0:
         yield "step limit, gripper width and masses must be positive"
+    for part in task.parts:
+        yield from _handling_contradictions(part)
+
+
+def _naming_contradictions(task: AssemblyTask) -> Iterator[str]:
+    if not task.parts or not task.pairs:
+        yield "it has no parts or no pairs"
+    if len({part.name for part in task.parts}) < len(task.parts):
+        yield "two of its parts have one name"
+    if len({pair.label for pair in task.pairs}) < len(task.pairs):
+        yield "two of its pairs have one label"
 
 
 def _pair_contradictions(pair: AssemblyPair, place: int, parts: range) -> Iterator[str]:
@@ -63,6 +71,16 @@ def _pair_contradictions(pair: AssemblyPair, place: int, parts: range) -> Iterat
         yield f"pair '{pair.label}' has no target {pair.operator_target}"
     if not set(pair.after) <= set(range(place)):
         yield f"pair '{pair.label}' waits for a pair that does not come before it"
+
+
+def _handling_contradictions(part: PartSpec) -> Iterator[str]:
+    if not isinstance(part.handling, handling.BaseHandling):
+        return
+    straight = np.array(part.handling.straight)
+    if not (np.allclose(straight @ straight.T, np.eye(3), atol=1e-6) and np.linalg.det(straight) > 0):
+        yield f"the handling of part '{part.name}' has a 'straight' that is no rotation, but mirrors or distorts"
+    if not 0 < part.handling.symmetry_rad <= 2 * math.pi:
+        yield f"the handling of part '{part.name}' must have a symmetry_rad above 0 and of a full turn at most"
 
 
 @cache

@@ -70,5 +70,5 @@ class BaseHandling:
 
 
 Y_UP = ((0.0, 0.0, -1.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-Y_DOWN = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
+Y_DOWN = ((0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
 """Rotations, by rows, of a first part whose y axis points up or down, when it is not turned."""

@@ -9,11 +9,17 @@ import numpy as np
 import pytest
 
 from juicer.tasks.checks import check_task
+from juicer.tasks.handling import Y_DOWN
 from juicer.tasks.registry import TASK_NAMES, get_task
-from juicer.tasks.specification import Grasp, Insertion
+from juicer.tasks.specification import Grasp, Insertion, PartSpec
 
 LAMP = get_task("lamp")
 BASE, BULB, HOOD = LAMP.parts
+
+
+def handled(**changes: object) -> PartSpec:
+    """The base, handled in another way."""
+    return replace(BASE, handling=replace(BASE.handling, **changes))
 
 
 @pytest.mark.parametrize("name", TASK_NAMES)
@@ -43,6 +49,14 @@ def test_nothing_is_wrong_with_ours(name: str) -> None:
             "it may hold finite numbers",
         ),
         ({"parts": (replace(BASE, handling="firmly"), BULB, HOOD)}, "its parts.0.handling"),
+        (
+            {"parts": (handled(straight=((0.0, 0.0, 1.0), *Y_DOWN[1:])), BULB, HOOD)},
+            "the handling of part 'lamp_base' has a 'straight' that is no rotation, but mirrors",
+        ),
+        (
+            {"parts": (handled(symmetry_rad=0.0), BULB, HOOD)},
+            "the handling of part 'lamp_base' must have a symmetry_rad",
+        ),
     ],
 )
 def test_what_is_wrong_is_named(changes: dict[str, object], clause: str) -> None:

@@ -22,6 +22,11 @@ class FeaturesConfig(EncoderConfig):
     pairs: Literal["next", "all"] = Field(
         default="next", description="which are shown: that to be mounted next and the one before it, or all of them"
     )
+    symmetry: bool = Field(
+        default=True,
+        description="whether parts are shown as they look: turned by a multiple of the turn after which they look the "
+        "same, to where they are turned least",
+    )
     normalisation: Literal["per_task", "together"] = Field(
         default="per_task",
         description="whether a policy for several tasks scales each task's features by that task's limits, or all of "

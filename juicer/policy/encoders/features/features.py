@@ -8,7 +8,7 @@ tanh(x / scale). They are functions of the observed poses and nothing more.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import torch
@@ -17,30 +17,16 @@ from torch import Tensor, nn
 from juicer.episode import PROPRIOCEPTION_SIZE
 from juicer.policy.actions import POSITION, ROTATION
 from juicer.policy.config import FeatureSpec, PairSpec, Target
+from juicer.policy.encoders.features.batched_pose import BatchedPose
 from juicer.policy.encoders.features.config import FeaturesConfig
-from juicer.policy.rotations import matrix_to_rot6d, quat_to_matrix, rot6d_to_matrix, rotate_back
+from juicer.policy.encoders.features.symmetry import as_they_look
+from juicer.policy.rotations import quat_to_matrix, rot6d_to_matrix, twist_about_y
 from juicer.policy.tasks import size_of_part_poses
 
 _SATURATED = 0.85
 """From where on a coarser copy tells more."""
 _PLAIN_NUMBERS, _FINE_NUMBERS, _ROTATION_NUMBERS = 48, 12, 8
 """Of a pair: five poses and a way; a finer copy of its offsets, for each scale; finer axes and the twist."""
-
-
-class _BatchedPose(NamedTuple):
-    position: Tensor
-    matrix: Tensor
-
-    def seen_from(self, frame: _BatchedPose) -> _BatchedPose:
-        offset = rotate_back(frame.matrix, self.position - frame.position)
-        return _BatchedPose(offset, frame.matrix.transpose(-1, -2) @ self.matrix)
-
-    def carrying(self, other: _BatchedPose) -> _BatchedPose:
-        moved = (self.matrix @ other.position.unsqueeze(-1)).squeeze(-1)
-        return _BatchedPose(self.position + moved, self.matrix @ other.matrix)
-
-    def numbers(self) -> list[Tensor]:
-        return [self.position, matrix_to_rot6d(self.matrix)]
 
 
 def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config: FeaturesConfig) -> Tensor:
@@ -53,16 +39,21 @@ def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config
     comes which pair is next, one number for each but the first.
 
     So what is learned of one leg is known of all legs, and parts that do not matter now cannot mislead.
-    ``config.pairs`` may ask for all pairs side by side instead.
+    ``config.pairs`` may ask for all pairs side by side instead. Unless ``config.symmetry`` is off, parts are shown as
+    they look (:func:`juicer.policy.encoders.features.symmetry.as_they_look`); which pair is next is decided by how they
+    truly lie.
     """
     proprioception, part_poses = observations["proprioception"], observations["part_poses"]
-    gripper = _BatchedPose(proprioception[..., POSITION], rot6d_to_matrix(proprioception[..., ROTATION]))
-    placed = [_placed(part_poses, pair) for pair in spec.pairs]
-    pairs = [_pair_features(gripper, each, config) for each in placed]
+    gripper = BatchedPose(proprioception[..., POSITION], rot6d_to_matrix(proprioception[..., ROTATION]))
+    parts = [_part_pose(part_poses, index) for index in range(spec.num_parts)]
+    mounted = torch.stack([_is_mounted(_placed(parts, pair), spec) for pair in spec.pairs], dim=-1)
+    in_order = mounted.long().cumprod(dim=-1)
+    if config.symmetry:
+        parts = as_they_look(parts, gripper, spec, in_order.bool())
+    pairs = [_pair_features(gripper, _placed(parts, pair), config) for pair in spec.pairs]
     if config.pairs == "all":
         return torch.cat([proprioception, *pairs], dim=-1)
-    mounted = torch.stack([_is_mounted(each, spec) for each in placed], dim=-1)
-    following = mounted.long().cumprod(dim=-1).sum(dim=-1).clamp(max=len(pairs) - 1)
+    following = in_order.sum(dim=-1).clamp(max=len(pairs) - 1)
     # The first pair stands for the one before it, and a single one is shown once.
     shown = torch.stack([following, (following - 1).clamp(min=0)], dim=-1)[..., : len(pairs), None]
     which = nn.functional.one_hot(following, len(pairs))[..., 1:]
@@ -120,21 +111,21 @@ class _PlacedPair(NamedTuple):
     """A pair in a scene: its parts, where the second belongs, and the second seen from there."""
 
     spec: PairSpec
-    first: _BatchedPose
-    second: _BatchedPose
-    goal: _BatchedPose
-    joint: _BatchedPose
+    first: BatchedPose
+    second: BatchedPose
+    goal: BatchedPose
+    joint: BatchedPose
 
 
-def _placed(part_poses: Tensor, pair: PairSpec) -> _PlacedPair:
-    first, second = _part_pose(part_poses, pair.first), _part_pose(part_poses, pair.second)
+def _placed(parts: Sequence[BatchedPose], pair: PairSpec) -> _PlacedPair:
+    first, second = parts[pair.first], parts[pair.second]
     goal = _place(first, pair.target)
     return _PlacedPair(pair, first, second, goal, second.seen_from(goal))
 
 
-def _place(first: _BatchedPose, target: Target) -> _BatchedPose:
+def _place(first: BatchedPose, target: Target) -> BatchedPose:
     pose = first.position.new_tensor(target)
-    return first.carrying(_BatchedPose(pose[:3], quat_to_matrix(pose[3:])))
+    return first.carrying(BatchedPose(pose[:3], quat_to_matrix(pose[3:])))
 
 
 def _is_mounted(pair: _PlacedPair, spec: FeatureSpec) -> Tensor:
@@ -142,14 +133,14 @@ def _is_mounted(pair: _PlacedPair, spec: FeatureSpec) -> Tensor:
     return torch.stack([_is_in_place(joint, pair.spec, spec) for joint in (pair.joint, *others)]).any(dim=0)
 
 
-def _is_in_place(joint: _BatchedPose, pair: PairSpec, spec: FeatureSpec) -> Tensor:
+def _is_in_place(joint: BatchedPose, pair: PairSpec, spec: FeatureSpec) -> Tensor:
     near = joint.position.abs().amax(dim=-1) <= spec.mounted_m
     if pair.any_rotation:
         return near
     return near & (joint.matrix.diagonal(dim1=-2, dim2=-1).amin(dim=-1) >= spec.mounted_cosine)
 
 
-def _pair_features(gripper: _BatchedPose, pair: _PlacedPair, config: FeaturesConfig) -> Tensor:
+def _pair_features(gripper: BatchedPose, pair: _PlacedPair, config: FeaturesConfig) -> Tensor:
     joint = pair.joint
     first_seen, second_seen = pair.first.seen_from(gripper), pair.second.seen_from(gripper)
     poses = (pair.first, pair.second, first_seen, second_seen, joint)
@@ -162,20 +153,12 @@ def _pair_features(gripper: _BatchedPose, pair: _PlacedPair, config: FeaturesCon
             way,
             *(torch.tanh(offsets / scale_m) for scale_m in config.fine_scales_m),
             torch.tanh(axes / config.tilt_scale),
-            _twist(joint.matrix),
+            twist_about_y(joint.matrix),
         ],
         dim=-1,
     )
 
 
-def _part_pose(part_poses: Tensor, index: int) -> _BatchedPose:
+def _part_pose(part_poses: Tensor, index: int) -> BatchedPose:
     pose = part_poses[..., 7 * index : 7 * index + 7]
-    return _BatchedPose(pose[..., :3], quat_to_matrix(pose[..., 3:]))
-
-
-def _twist(matrix: Tensor) -> Tensor:
-    """Sine and cosine ``(..., 2)`` of the rotation about the y axis (swing-twist decomposition)."""
-    cosine = matrix[..., 2, 2] + matrix[..., 0, 0]
-    sine = matrix[..., 0, 2] - matrix[..., 2, 0]
-    # Both vanish only for a part turned upside down, where the twist is undefined.
-    return torch.stack([sine, cosine], dim=-1) / torch.hypot(sine, cosine).clamp_min(1e-6).unsqueeze(-1)
+    return BatchedPose(pose[..., :3], quat_to_matrix(pose[..., 3:]))
