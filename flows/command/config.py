@@ -51,8 +51,9 @@ def full_content(written: Written, runs: list[RunConfig]) -> dict[str, Any]:
     tasks = written.values.get(TASKS_KEY)
     of_flow = first.model_dump(mode="json", include=set(own))
     if tasks:
-        # What one of several tasks says for itself stands there. Choosing seeds alone settles which is analysed.
-        settled = {key: value for key, value in of_flow.items() if key == "analysed_seed"}
+        # What one of several tasks says for itself stands there. A choice settles which seed is analysed, and what is
+        # left out.
+        settled = {key: of_flow[key] for key in ("left_out", "analysed_seed") if of_flow.get(key) not in ([], None)}
         of_flow = settled | dict(written.values)
     common = {key: value for key, value in written.values.items() if key in LoopConfig.model_fields}
     loop = parse_config(common, LoopConfig, "the configuration", written.place).model_dump(mode="json", exclude={"mix"})
