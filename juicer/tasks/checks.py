@@ -74,13 +74,18 @@ def _pair_contradictions(pair: AssemblyPair, place: int, parts: range) -> Iterat
 
 
 def _handling_contradictions(part: PartSpec) -> Iterator[str]:
-    if not isinstance(part.handling, handling.BaseHandling):
-        return
-    straight = np.array(part.handling.straight)
-    if not (np.allclose(straight @ straight.T, np.eye(3), atol=1e-6) and np.linalg.det(straight) > 0):
-        yield f"the handling of part '{part.name}' has a 'straight' that is no rotation, but mirrors or distorts"
-    if not 0 < part.handling.symmetry_rad <= 2 * math.pi:
-        yield f"the handling of part '{part.name}' must have a symmetry_rad above 0 and of a full turn at most"
+    how, every_rad = part.handling, 2 * math.pi
+    if isinstance(how, handling.Handling):
+        every_rad = how.flat_every_rad
+    elif isinstance(how, handling.BaseHandling):
+        every_rad, straight = how.symmetry_rad, np.array(how.straight)
+        if not (np.allclose(straight @ straight.T, np.eye(3), atol=1e-6) and np.linalg.det(straight) > 0):
+            yield f"the handling of part '{part.name}' has a 'straight' that is not a rotation: it mirrors or distorts"
+    if not 0 < every_rad <= 2 * math.pi:
+        yield (
+            f"the handling of part '{part.name}' must have a symmetry_rad or flat_every_rad above 0 and of a full turn "
+            "at most"
+        )
 
 
 @cache

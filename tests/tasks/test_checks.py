@@ -51,11 +51,15 @@ def test_nothing_is_wrong_with_ours(name: str) -> None:
         ({"parts": (replace(BASE, handling="firmly"), BULB, HOOD)}, "its parts.0.handling"),
         (
             {"parts": (handled(straight=((0.0, 0.0, 1.0), *Y_DOWN[1:])), BULB, HOOD)},
-            "the handling of part 'lamp_base' has a 'straight' that is no rotation, but mirrors",
+            "the handling of part 'lamp_base' has a 'straight' that is not a rotation: it mirrors",
         ),
         (
             {"parts": (handled(symmetry_rad=0.0), BULB, HOOD)},
             "the handling of part 'lamp_base' must have a symmetry_rad",
+        ),
+        (
+            {"parts": (BASE, replace(BULB, handling=replace(BULB.handling, flat_every_rad=0.0)), HOOD)},
+            "the handling of part 'lamp_bulb' must have a symmetry_rad or flat_every_rad",
         ),
     ],
 )
