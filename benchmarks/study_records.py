@@ -30,6 +30,9 @@ def main() -> None:
     parser.add_argument("archive", type=Path)
     parser.add_argument("stores", nargs="+", type=Path, metavar="store")
     options = parser.parse_args()
+    for path in options.stores:
+        if not path.is_dir():
+            parser.error(f"there is no folder '{path}'")
     count = pack(options.archive, [ArtifactStore(path) for path in options.stores])
     print(f"{options.archive}: {count} artifacts, {options.archive.stat().st_size / 1e6:.1f} MB")
 
