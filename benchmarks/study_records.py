@@ -32,7 +32,7 @@ def main() -> None:
     options = parser.parse_args()
     for path in options.stores:
         if not path.is_dir():
-            parser.error(f"there is no folder '{path}'")
+            parser.error(f"folder '{path}' does not exist")
     count = pack(options.archive, [ArtifactStore(path) for path in options.stores])
     print(f"{options.archive}: {count} artifacts, {options.archive.stat().st_size / 1e6:.1f} MB")
 
@@ -41,12 +41,15 @@ def pack(archive: Path, stores: list[ArtifactStore]) -> int:
     """Write the archive and give the number of artifacts in it."""
     # Named alike, manifests compress together.
     chosen = sorted({ref: store for store in reversed(stores) for ref in store.refs()}.items())
-    with tarfile.open(archive, "w:xz") as tar:
+    # An archive that is there already stays until the new one is whole.
+    draft = archive.with_name(f".{archive.name}")
+    with tarfile.open(draft, "w:xz") as tar:
         for ref, store in chosen:
             for path, content in _records(store, ref):
                 entry = tarfile.TarInfo(f"{ref}/{path}")
                 entry.size = len(content)
                 tar.addfile(entry, io.BytesIO(content))
+    draft.replace(archive)
     return len(chosen)
 
 

@@ -55,3 +55,15 @@ def test_of_everything_else_it_holds_what_was_written_down(packed):
     assert unpacked.lineage(evaluation) == stores[0].lineage(evaluation)
     with pytest.raises(DamagedArtifact, match="weights"):
         unpacked.open(checkpoint)
+
+
+def test_an_archive_that_is_there_survives_a_store_that_cannot_be_read(tmp_path):
+    store = ArtifactStore(tmp_path / "store")
+    _, evaluation = evaluated(store, 0, Outcome.SUCCESS)
+    archive = tmp_path / "records.tar.xz"
+    pack(archive, [store])
+    before = archive.read_bytes()
+    (store.open(evaluation) / "evaluation.parquet").unlink()
+    with pytest.raises(DamagedArtifact, match="evaluation"):
+        pack(archive, [store])
+    assert archive.read_bytes() == before
