@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from juicer.errors import ConfigError, did_you_mean
@@ -62,27 +62,24 @@ class Choice:
 
         A model for several tasks needs all of them, whichever it is evaluated on: they stay in it then.
         """
+        from flows.command.narrowing import with_part, with_tasks
+        from flows.config import StudyConfig
         from flows.reading import read_written
-        from flows.runs import FLOW_KEY
+        from flows.runs import load_runs
         from flows.written import TASKS_KEY, settled
 
-        written = read_written(self.source, self.overrides)
-        is_study = written.values.get(FLOW_KEY) == "study"
-        for option, key, chosen in (
-            ("--condition", "condition", list(self.conditions)),
-            ("--seed", "seed", list(self.seeds)),
-        ):
-            if chosen:
-                written = written.replacing(
-                    (f"{key}s" if is_study else key,), chosen if is_study else chosen[0], option
-                )
-        tasks = written.values.get(TASKS_KEY)
-        if self.tasks and tasks and not any(run.is_joint for run in self.runs()):
-            if isinstance(tasks, dict):
-                kept: object = {task: own for task, own in tasks.items() if task in self.tasks}
-            else:
-                kept = [task for task in tasks if task in self.tasks]
-            written = replace(written, values={**written.values, TASKS_KEY: kept})
+        written, part = read_written(self.source, self.overrides), self.runs()
+        whole = load_runs(self.source, self.overrides)
+        if self.tasks and written.values.get(TASKS_KEY) and not any(run.is_joint for run in part):
+            written = with_tasks(written, self.tasks)
+            whole = tuple(run for run in whole if run.task in self.tasks)
+        studies = [run for run in whole if isinstance(run, StudyConfig)]
+        if studies:
+            written = with_part(written, studies, self.conditions, self.seeds)
+        else:
+            for option, key, chosen in (("--condition", "condition", self.conditions), ("--seed", "seed", self.seeds)):
+                if chosen:
+                    written = written.replacing((key,), chosen[0], option)
         return settled(written)
 
     def runs(self) -> list[RunConfig]:
@@ -101,4 +98,11 @@ class Choice:
                     f"; --set task={task} makes it one of that task" if len(runs) == 1 else did_you_mean(task, known)
                 )
                 raise ConfigError(f"the configuration has no task '{task}'{remedy}")
-        return [run.narrowed(self.conditions, self.seeds) for run in runs if not self.tasks or run.task in self.tasks]
+        chosen = [run for run in runs if not self.tasks or run.task in self.tasks]
+        for name in self.conditions:
+            having = [run.task for run in chosen if name in run.conditions]
+            without = [run.task for run in chosen if run.task not in having]
+            if having and without:
+                options = " ".join(f"--task {task}" for task in having)
+                raise ConfigError(f"task {without[0]} has no condition '{name}'; add {options}, which has it")
+        return [run.narrowed(self.conditions, self.seeds) for run in chosen]

@@ -49,12 +49,8 @@ def full_content(written: Written, runs: list[RunConfig]) -> dict[str, Any]:
     of_study = ("conditions", "left_out", "seeds", "curves", "analysed_seed", "shifted")
     own = of_study if content[FLOW_KEY] == "study" else of_one
     tasks = written.values.get(TASKS_KEY)
-    of_flow = first.model_dump(mode="json", include=set(own))
-    if tasks:
-        # What one of several tasks says for itself stands there. A choice settles which seed is analysed, and what is
-        # left out.
-        settled = {key: of_flow[key] for key in ("left_out", "analysed_seed") if of_flow.get(key) not in ([], None)}
-        of_flow = settled | dict(written.values)
+    # What one of several tasks says for itself stands there.
+    of_flow = written.values if tasks else first.model_dump(mode="json", include=set(own))
     common = {key: value for key, value in written.values.items() if key in LoopConfig.model_fields}
     loop = parse_config(common, LoopConfig, "the configuration", written.place).model_dump(mode="json", exclude={"mix"})
     if tasks:

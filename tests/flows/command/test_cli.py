@@ -270,6 +270,10 @@ def test_several_tasks_count_together_in_the_order_of_the_configuration():
         (["run", "demo", "--seed", "0", "--seed", "0"], "--seed: each may be given only once"),
         (["explain", "train", "-c", "table_vi", "--task", "lamp", "--task", "lamp"], "--task: each may be given only"),
         (["run", "demo", "--condition", "bc", "--condition", "ci"], "the study has no condition 'ci'"),
+        (
+            ["run", "paper_study", "--condition", "ten_bc"],
+            "task round_table has no condition 'ten_bc'; add --task one_leg, which has it",
+        ),
         (["run", "smoke", "--condition", "tai"], "the study has no condition 'tai'; did you mean 'ta_ci'?"),
         (["run", "laptop", "--condition", "tai"], "condition: unknown condition 'tai'; did you mean 'ta'?"),
         (["run", "demo", "--task", "lamp"], "no task 'lamp'; --set task=lamp makes it one of that task"),

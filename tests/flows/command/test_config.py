@@ -30,6 +30,10 @@ def printed(capsys, *arguments):
         ["table_vi"],
         ["table_vi", "--task", "lamp", "--condition", "ta_ci", "--seed", "0"],
         ["table_vi", "--set", "tasks.lamp.state_noise={kind: original}"],
+        ["paper_study", "--seed", "0"],
+        ["paper_study", "--condition", "ta_ci", "--condition", "med_bc"],
+        ["paper_study", "--condition", "bc", "--condition", "ta", "--task", "lamp", "--task", "one_leg", "--seed", "1"],
+        ["paper_study", "--condition", "ten_bc", "--task", "one_leg"],
         ["laptop", "--seed", "4", "--condition", "ci"],
         ["demo", "--set", "name=true-", "--set", "logs='/tmp/a b: c#'", "--set", "labels=~/x.csv"],
     ],
@@ -58,6 +62,24 @@ def test_a_model_for_several_tasks_keeps_them_all(capsys, tmp_path):
         Choice.of(str(path), None, ["lamp"], None, None).runs()
         == Choice.of("table_vi", None, ["lamp"], ["multitask"], None).runs()
     )
+
+
+def test_a_part_of_a_study_leaves_out_what_only_the_rest_of_it_says(capsys, tmp_path):
+    (tmp_path / "mine.yaml").write_text(
+        "base: laptop\nflow: study\ncurves:\n"
+        "  data: {title: Data, axis: n, conditions: {bc: 1, ta: 2}}\n"
+        "  rounds: {title: Rounds, axis: n, conditions: {ci: 1}}\n"
+        "tasks:\n  one_leg:\n  lamp: {seeds: [3, 0]}\n"
+    )
+    arguments = [str(tmp_path / "mine.yaml"), "--condition", "ta", "--seed", "3"]
+    told = json.loads(printed(capsys, *arguments, "--json"))
+    content, origins = told["configuration"], told["from"]
+    assert (content["conditions"], content["seeds"], content["analysed_seed"]) == (["ta"], [3], 0)
+    assert content["tasks"]["one_leg"] == {}
+    assert [content["tasks"]["lamp"][key] for key in ("seeds", "analysed_seed")] == [[3], 3]
+    assert {name: curve["conditions"] for name, curve in content["curves"].items()} == {"data": {"ta": 2}}
+    assert origins["curves.data.title"].endswith("mine.yaml:4")
+    assert (origins["conditions"], origins["tasks.lamp.seeds"]) == ("--condition", "--seed")
 
 
 def test_values_say_where_they_come_from(capsys):
