@@ -30,6 +30,6 @@ def run_stage(stage: str, configs: Sequence[RunConfig], *, force: bool) -> list[
         held(settings.folder, flow_run.get_id()),
         open_run(settings, None, PrefectPerformer(opener(settings)), forced=forced) as run_context,
     ):
-        chosen = [entry for config in configs for entry in ready_calls(run_context.session.store, config, stage)]
+        chosen = ready_calls(run_context.session.store, configs, stage)
         expect(run_context, chosen, settings.folder)
         return [str(entry.perform(run_context.session)) for entry in chosen]

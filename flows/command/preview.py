@@ -20,15 +20,18 @@ class PreviewedCall:
 
     Attributes:
         stage: Name of the stage.
-        label: Condition, seed and round that it is made for first.
+        task: The task of its run.
+        label: Condition, seed and round that it is made for first, and the task where runs are for several.
         ref: The artifact; none for a report whose evaluations are not made yet.
         is_reused: Whether the artifact is in the store.
         reason: Why it would be computed: the first root of the miss; empty if it is reused.
         seconds: How long it took, or the most similar one if it is to be computed; none if there was none.
-        ends: Seconds after which it is done if nothing has to wait for a free worker; what is not known takes none.
+        ends: Seconds from the beginning of its run to its end if nothing has to wait for a free worker; what is not
+            known takes none.
     """
 
     stage: str
+    task: str
     label: str
     ref: ArtifactRef | None
     is_reused: bool
@@ -37,31 +40,47 @@ class PreviewedCall:
     ends: float
 
 
-def preview(store: ArtifactStore, config: RunConfig) -> list[PreviewedCall]:
-    """Every call of a run; nothing is computed or written.
+def preview(store: ArtifactStore, configs: Sequence[RunConfig]) -> list[list[PreviewedCall]]:
+    """Every call of one run after the other, once; nothing is computed or written.
 
     A selection that is not made yet is assumed to keep something, so retraining is among the calls.
     """
-    planned = plan(store, config)
-    explaining = explainer(store, config, planned)
-    calls: list[PreviewedCall] = []
-    ends: dict[ArtifactRef, float] = {}
-    for entry in planned:
-        explanation = explaining.explain(entry.call.recipe)
-        seconds = _seconds(store, entry, explanation)
-        begins = max((ends[ref] for ref in entry.call.recipe.parents if ref in ends), default=0.0)
-        ends[entry.ref] = begins + (0.0 if entry.exists else seconds or 0.0)
-        reason = _reason(explanation)
-        calls.append(PreviewedCall(entry.stage, entry.label, entry.ref, entry.exists, reason, seconds, ends[entry.ref]))
-    if not any(call.stage == REPORT for call in calls):
-        calls.append(_report(store, max(ends.values(), default=0.0)))
-    return calls
+    planned = plan(store, *configs)
+    explaining = explainer(store, planned)
+    runs = []
+    for config in configs:
+        calls: list[PreviewedCall] = []
+        ends: dict[ArtifactRef, float] = {}
+        for entry in (entry for entry in planned if entry.config is config):
+            explanation = explaining.explain(entry.call.recipe)
+            seconds = _seconds(store, entry, explanation)
+            begins = max((ends[ref] for ref in entry.call.recipe.parents if ref in ends), default=0.0)
+            ends[entry.ref] = begins + (0.0 if entry.exists else seconds or 0.0)
+            calls.append(
+                PreviewedCall(
+                    entry.stage,
+                    config.task,
+                    entry.label,
+                    entry.ref,
+                    entry.exists,
+                    _reason(explanation),
+                    seconds,
+                    ends[entry.ref],
+                )
+            )
+        if not any(call.stage == REPORT for call in calls):
+            label = config.task if len(configs) > 1 else ""
+            calls.append(_report(store, config.task, label, max(ends.values(), default=0.0)))
+        runs.append(calls)
+    return runs
 
 
-def total_seconds(calls: Sequence[PreviewedCall], workers: int) -> float:
-    """Least wall time of what is to be computed, as far as is known: by its longest chain, and by all of its work."""
-    work = sum(call.seconds or 0.0 for call in calls if not call.is_reused)
-    return max([work / workers, *(call.ends for call in calls)])
+def total_seconds(runs: Sequence[Sequence[PreviewedCall]], workers: int) -> float:
+    """Least wall time of what is to be computed, as far as is known: by longest chains, and by all of the work."""
+    return sum(
+        max([sum(call.seconds or 0.0 for call in calls if not call.is_reused) / workers, *(c.ends for c in calls)])
+        for calls in runs
+    )
 
 
 def _seconds(store: ArtifactStore, entry: PlannedCall, explanation: Explanation) -> float | None:
@@ -81,8 +100,8 @@ def _reason(explanation: Explanation) -> str:
     return first.phrase + (f", and {len(rest)} more" if rest else "")
 
 
-def _report(store: ArtifactStore, begins: float) -> PreviewedCall:
+def _report(store: ArtifactStore, task: str, label: str, begins: float) -> PreviewedCall:
     """The last call, whose recipe holds what the evaluations will find."""
     seconds = next((manifest.seconds for manifest in reversed(store.list(REPORT))), None)
     reason = "it tells of evaluations that are not made yet"
-    return PreviewedCall(REPORT, "", None, False, reason, seconds, begins + (seconds or 0.0))
+    return PreviewedCall(REPORT, task, label, None, False, reason, seconds, begins + (seconds or 0.0))

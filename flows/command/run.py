@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from contextlib import redirect_stdout
 from dataclasses import asdict
 from typing import TYPE_CHECKING
@@ -50,7 +51,7 @@ def run_flow(choice: Choice, as_json: bool) -> None:
         if outcome is None:
             watch = watch or start_server(settings)
             outcome = _run_in_prefect(config, watch)
-        outcomes.append(outcome.to_json(store))
+        outcomes.append({"name": config.name, "task": config.task, **outcome.to_json(store)})
         if not as_json:
             _say_outcome(outcome, config, store, find_pages(settings.folder))
     if as_json:
@@ -66,9 +67,10 @@ def preview_flow(choice: Choice, as_json: bool) -> None:
     from flows.command.preview import preview, total_seconds
 
     store = open_store(settings)
-    calls = [call for config in choice.runs() for call in preview(store, config)]
+    runs = preview(store, choice.runs())
+    calls = [call for each in runs for call in each]
     to_come = [call for call in calls if not call.is_reused]
-    seconds, unknown = total_seconds(calls, settings.workers), sum(call.seconds is None for call in to_come)
+    seconds, unknown = total_seconds(runs, settings.workers), sum(call.seconds is None for call in to_come)
     if as_json:
         totals = {"reused": len(calls) - len(to_come), "computed": len(to_come), "seconds": seconds, "unknown": unknown}
         say_json({"calls": [asdict(call) | {"ref": call.ref and str(call.ref)} for call in calls], **totals})
@@ -168,8 +170,7 @@ def run_stage(name: str, choice: Choice, force: bool, as_json: bool) -> None:
     find_stage(name)
     configs = choice.runs()
     # What is wrong is better said before a server starts.
-    for config in configs:
-        ready_calls(open_store(settings), config, name)
+    ready_calls(open_store(settings), configs, name)
     watch = watch_server(settings) if has_server else start_server(settings)
     from flows.single_stage import single_stage
 
@@ -193,16 +194,15 @@ def explain_stage(name: str, choice: Choice, as_json: bool) -> None:
 
     find_stage(name)
     store = open_store(settings)
-    explained = []
-    for config in choice.runs():
-        planned = plan(store, config)
-        explaining = explainer(store, config, planned)
-        explained += [(entry, explaining.explain(entry.call.recipe)) for entry in calls_of(planned, name)]
+    planned = plan(store, *choice.runs())
+    explaining = explainer(store, planned)
+    explained = [(entry, explaining.explain(entry.call.recipe)) for entry in calls_of(planned, name)]
     if as_json:
         say_json(
             [
                 {
                     "stage": name,
+                    "task": entry.config.task,
                     "for": entry.label,
                     "ref": str(found.ref),
                     "hit": found.hit,
@@ -221,26 +221,16 @@ def explain_stage(name: str, choice: Choice, as_json: bool) -> None:
 
 
 def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore, pages: str) -> None:
+    from flows.running.execution import comparison_title
     from juicer.reporting.comparison import robustness_table
     from stages.report import PAGE
 
-    rows = [
-        [
-            row.title,
-            f"{row.average:.0%}",
-            f"{row.interval[0]:.0%} to {row.interval[1]:.0%}",
-            f"{row.best:.0%}",
-            str(row.num_models),
-            str(row.num_episodes),
-        ]
-        for row in outcome.results(store)
-    ]
-    title = f"{config.task}, {' and '.join(config.levels)} randomness: success rates"
-    say_table(["condition", "average ", "95 % interval ", "best ", "models ", "episodes "], rows, title)
+    columns, rows = outcome.comparison(store)
+    _say_rates(columns, rows, comparison_title(config))
     columns, under_shifts = robustness_table(outcome.results(store))
     if columns:
         say("")
-        say_table([columns[0], *(f"{column} " for column in columns[1:])], under_shifts, "under shifts")
+        _say_rates(columns, under_shifts, "under shifts")
     for finding in outcome.findings:
         say(finding)
     if outcome.report:
@@ -252,3 +242,8 @@ def _say_outcome(outcome: RunOutcome, config: RunConfig, store: ArtifactStore, p
         evaluation = outcome.models[-1].evaluation
         say("pages    juicer pages   (its episodes and lineage); juicer ui   (Prefect's and MLflow's)")
         say(f"lineage  {lineage_of(str(evaluation), pages) if pages else f'juicer lineage {evaluation.id}'}")
+
+
+def _say_rates(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str) -> None:
+    first, *numbers = columns
+    say_table([first, *(f"{column} " for column in numbers)], rows, title)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 
 from prefect.artifacts import (
     create_image_artifact,
@@ -14,7 +15,7 @@ from prefect.runtime import flow_run
 
 from flows.config import RunConfig
 from flows.running.context import expect, open_run
-from flows.running.execution import RunOutcome, execute
+from flows.running.execution import RunOutcome, comparison_title, execute
 from flows.running.flow_runs import held
 from flows.running.plan import plan, require_drawing, require_weights
 from flows.running.runner import opener
@@ -44,28 +45,15 @@ def run(config: RunConfig) -> RunOutcome:
             require_drawing(planned)
         expect(run_context, planned, settings.folder)
         outcome = execute(run_context.session, config, run_context.tracking)
-        _show(outcome, store, find_pages(settings.folder))
+        _show(outcome, config, store, find_pages(settings.folder))
         return outcome
 
 
-def _show(outcome: RunOutcome, store: ArtifactStore, pages: str) -> None:
+def _show(outcome: RunOutcome, config: RunConfig, store: ArtifactStore, pages: str) -> None:
     """The comparison on the flow run's page, and a link to the lineage if pages are served at an address."""
-    rows = [
-        {
-            "condition": row.title,
-            "average": f"{row.average:.0%}",
-            "95 % interval": f"{row.interval[0]:.0%} to {row.interval[1]:.0%}",
-            "best": f"{row.best:.0%}",
-            "models": row.num_models,
-            "episodes": row.num_episodes,
-        }
-        for row in outcome.results(store)
-    ]
-    create_table_artifact(table=rows, key="comparison", description="Success rates")
-    columns, cells = robustness_table(outcome.results(store))
-    if columns:
-        under_shifts = [dict(zip(columns, row, strict=True)) for row in cells]
-        create_table_artifact(table=under_shifts, key="robustness", description="Success rates under shifts")
+    title = comparison_title(config)
+    _show_table("comparison", outcome.comparison(store), title)
+    _show_table("robustness", robustness_table(outcome.results(store)), f"{title} under shifts")
     for figure in sorted(store.open(outcome.report).glob("*.png")) if outcome.report else ():
         address = f"data:image/png;base64,{base64.b64encode(figure.read_bytes()).decode()}"
         key = figure.stem.replace("_", "-").lower()
@@ -79,3 +67,10 @@ def _show(outcome: RunOutcome, store: ArtifactStore, pages: str) -> None:
     if outcome.findings:
         lines = "\n".join(f"- {finding}" for finding in outcome.findings)
         create_markdown_artifact(markdown=lines, key="findings", description="Models that learned from too little")
+
+
+def _show_table(key: str, table: tuple[Sequence[str], Sequence[Sequence[str]]], description: str) -> None:
+    columns, rows = table
+    if rows:
+        content = [dict(zip(columns, row, strict=True)) for row in rows]
+        create_table_artifact(table=content, key=key, description=description)

@@ -60,6 +60,22 @@ class RunOutcome:
         """Rows of the comparison."""
         return condition_results(store, *rows_of(self.models))
 
+    def comparison(self, store: ArtifactStore) -> tuple[list[str], list[list[str]]]:
+        """Columns and rows of the table of success rates."""
+        columns = ["condition", "average", "95 % interval", "best", "models", "episodes"]
+        rows = [
+            [
+                row.title,
+                f"{row.average:.0%}",
+                f"{row.interval[0]:.0%} to {row.interval[1]:.0%}",
+                f"{row.best:.0%}",
+                str(row.num_models),
+                str(row.num_episodes),
+            ]
+            for row in self.results(store)
+        ]
+        return columns, rows
+
     def to_json(self, store: ArtifactStore) -> dict[str, Any]:
         """For machines."""
         return {
@@ -95,6 +111,11 @@ class RunOutcome:
             "findings": list(self.findings),
             "report": str(self.report) if self.report else None,
         }
+
+
+def comparison_title(config: RunConfig) -> str:
+    """What a run's table of success rates is about."""
+    return f"{config.task}, {' and '.join(config.levels)} randomness: success rates"
 
 
 def execute(session: Session, config: RunConfig, tracking: Tracking | None) -> RunOutcome:

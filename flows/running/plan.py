@@ -29,11 +29,13 @@ class PlannedCall:
 
     Attributes:
         call: The call.
-        label: Condition, seed and round that it is made for first.
+        config: The run that makes it, of several the first.
+        label: Condition, seed and round that it is made for first, and the task where runs are for several.
         exists: Whether its artifact is in the store.
     """
 
     call: StageCall
+    config: RunConfig
     label: str
     exists: bool
 
@@ -52,24 +54,33 @@ class PlannedCall:
         return session.for_model(self.label, session.record).perform(self.call)
 
 
-def plan(store: ArtifactStore, config: RunConfig) -> list[PlannedCall]:
-    """Every call of a run once, in an order in which they can be made.
+def plan(store: ArtifactStore, *configs: RunConfig) -> list[PlannedCall]:
+    """Every call of one or several runs once, in an order in which they can be made.
 
     The report, which depends on what the evaluations found, is among them only once these exist.
     """
     planned: dict[str, PlannedCall] = {}
+    has_tasks = len({config.task for config in configs}) > 1
+    for config in configs:
+        _plan(planned, store, config, f"{config.task} " if has_tasks else "")
+    return list(planned.values())
+
+
+def _plan(planned: dict[str, PlannedCall], store: ArtifactStore, config: RunConfig, prefix: str) -> None:
+    """Add the calls of a run that earlier ones do not make."""
+    own: list[PlannedCall] = []
 
     def perform(call: StageCall, session: Session) -> ArtifactRef:
         if call.recipe.id not in planned:
             exists = store.find(call.recipe) is not None
-            planned[call.recipe.id] = PlannedCall(call, session.label, exists)
+            planned[call.recipe.id] = PlannedCall(call, config, f"{prefix}{session.label}".rstrip(), exists)
+        own.append(planned[call.recipe.id])
         return call.recipe.ref
 
     session = Session(store, performer=perform)
     models = run_models(session, config, parallel=False)
-    if all(entry.exists for entry in planned.values() if entry.stage == "evaluate"):
+    if all(entry.exists for entry in own if entry.stage == "evaluate"):
         write_report(session, config, RunOutcome(tuple(models), None))
-    return list(planned.values())
 
 
 def evaluated_models(store: ArtifactStore, config: RunConfig) -> tuple[list[ModelOutcome], int]:
@@ -145,9 +156,9 @@ def is_complete(store: ArtifactStore, config: RunConfig) -> bool:
     return True
 
 
-def explainer(store: ArtifactStore, config: RunConfig, planned: Sequence[PlannedCall]) -> Explainer:
-    """Explains the calls of a plan in the words of its configuration."""
-    sections = {entry.ref: _section(config, entry.call.recipe) for entry in planned}
+def explainer(store: ArtifactStore, planned: Sequence[PlannedCall]) -> Explainer:
+    """Explains the calls of a plan, each in the words of its run's configuration."""
+    sections = {entry.ref: _section(entry.config, entry.call.recipe) for entry in planned}
     return Explainer(store, [entry.call.recipe for entry in planned], sections)
 
 
@@ -173,7 +184,7 @@ def calls_of(planned: Iterable[PlannedCall], stage: str) -> list[PlannedCall]:
     """Calls of one stage.
 
     Raises:
-        ConfigError: If the run has no such stage.
+        ConfigError: If there are none.
     """
     planned = list(planned)
     chosen = [entry for entry in planned if entry.stage == stage]
@@ -185,13 +196,13 @@ def calls_of(planned: Iterable[PlannedCall], stage: str) -> list[PlannedCall]:
     return chosen
 
 
-def ready_calls(store: ArtifactStore, config: RunConfig, stage: str) -> list[PlannedCall]:
-    """Calls of one stage, all of whose inputs are in the store.
+def ready_calls(store: ArtifactStore, configs: Sequence[RunConfig], stage: str) -> list[PlannedCall]:
+    """Calls of one stage that runs make, all of whose inputs are in the store.
 
     Raises:
-        ConfigError: If the run has no such stage, or an input is not there yet.
+        ConfigError: If no run has such a stage, or an input is not there yet.
     """
-    planned = plan(store, config)
+    planned = plan(store, *configs)
     chosen = calls_of(planned, stage)
     for entry in chosen:
         if missing := missing_inputs(entry, planned):

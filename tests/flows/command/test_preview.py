@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from flows.command.preview import preview, total_seconds
 from flows.running.plan import explainer, plan
 from flows.runs import load_runs
 from juicer.artifacts.store import ArtifactStore
+from juicer.tasks.registry import TASK_NAMES
 
 DEMO = Path(__file__).parents[3] / "configs" / "demo.yaml"
 
@@ -45,7 +47,7 @@ def store(tmp_path):
 def explained(store, stage, *overrides):
     config = config_with(*overrides)
     planned = plan(store, config)
-    explaining = explainer(store, config, planned)
+    explaining = explainer(store, planned)
     return {entry.label: explaining.explain(entry.call.recipe) for entry in planned if entry.stage == stage}
 
 
@@ -92,14 +94,15 @@ def test_changed_code_is_told_by_module(store):
     planned = planned_with(store)
     (evaluate, *_) = [entry.call.recipe for entry in planned if entry.stage == "evaluate"]
     changed = replace(evaluate, code="new", modules={**evaluate.modules, "juicer.evaluation": "new"})
-    explanation = explainer(store, config_with(), planned).explain(changed)
+    explanation = explainer(store, planned).explain(changed)
     assert explanation.reasons == ["code of 'juicer.evaluation' changed"]
     assert explanation.nearest.ref == evaluate.ref
 
 
 def test_a_dry_run_tells_what_is_reused_and_why_the_rest_is_not(store):
     (config,) = load_runs(DEMO, ["augment.num_snippets=100"])
-    calls = {(each.stage, each.label): each for each in preview(store, config)}
+    (calls,) = preview(store, [config])
+    calls = {(each.stage, each.label): each for each in calls}
     assert calls["train", "bc seed 0"].is_reused
     assert calls["augment", "ta_ci seed 0"].reason == "config key 'augment.num_snippets' is 100, it was 288"
     assert calls["evaluate", "ta_ci seed 0 round 1"].reason == calls["augment", "ta_ci seed 0"].reason
@@ -109,17 +112,42 @@ def test_a_dry_run_tells_what_is_reused_and_why_the_rest_is_not(store):
 
 def test_a_dry_run_of_everything_there_has_nothing_to_compute(store):
     (config,) = load_runs(DEMO)
-    calls = preview(store, config)
+    (calls,) = preview(store, [config])
     assert all(each.is_reused and not each.reason for each in calls)
     assert calls[-1].stage == "report"
-    assert total_seconds(calls, workers=2) == 0
+    assert total_seconds([calls], workers=2) == 0
 
 
 def test_an_estimate_is_no_shorter_than_the_longest_chain_or_than_all_work_together(store):
     (config,) = load_runs(DEMO, ["record.demonstrations=40"])
-    calls = [replace(each, seconds=10.0, ends=0.0) for each in preview(store, config)]
-    assert total_seconds(calls, workers=2) == 5.0 * len(calls)
-    assert total_seconds([replace(calls[0], ends=90.0), *calls[1:]], workers=2) == 90.0
+    (calls,) = preview(store, [config])
+    calls = [replace(each, seconds=10.0, ends=0.0) for each in calls]
+    assert total_seconds([calls], workers=2) == 5.0 * len(calls)
+    longer = [replace(calls[0], ends=90.0), *calls[1:]]
+    assert total_seconds([longer], workers=2) == 90.0
+    # The run for one task begins when that for another has ended.
+    assert total_seconds([longer, calls], workers=2) == 90.0 + 5.0 * len(calls)
+
+
+def test_what_runs_for_several_tasks_share_is_told_once_and_the_rest_by_task(store):
+    runs = [run.narrowed(["multitask"], [0]) for run in load_runs("table_vi")]
+    calls = [call for calls in preview(store, runs) for call in calls]
+    made = [call.ref for call in calls if call.ref]
+    assert len(made) == len(set(made))
+    assert Counter(call.task for call in calls if call.stage == "evaluate") == dict.fromkeys(TASK_NAMES, 1)
+    labels = [(call.stage, call.label) for call in calls]
+    assert len(labels) == len(set(labels))
+    assert labels[-1] == ("report", "square_table")
+
+
+def test_a_stage_that_only_one_of_several_tasks_has_is_told_of_that(capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("JUICER_DATA", str(tmp_path / "data"))
+    assert call(["explain", "sampling", "--config", "paper_study", "--seed", "0", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert {each["task"] for each in told} == {"one_leg"}
+    assert call(["explain", "train", "--config", "table_vi", "--condition", "multitask", "--seed", "0", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert len({each["ref"] for each in told}) == len(told)
 
 
 def test_the_command_starts_nothing_and_writes_nothing(tmp_path, monkeypatch, capfd):
