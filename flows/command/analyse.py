@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from flows.analysing import analyse
+from flows.command.chosen import check_place
 from flows.command.evaluate import only_task, run_on
 from flows.loop_config import LoopConfig
 from flows.reading import take_written
@@ -25,24 +26,26 @@ def analyse_checkpoint(
     kind: str, text: str, task: str | None, overrides: Sequence[str], figure: Path | None, as_json: bool
 ) -> None:
     """``juicer analyse``."""
+    if figure is not None:
+        check_place(figure, "figure", (".png",))
     with run_on(text, "checkpoint") as (session, ref):
         store = session.store
         content = {"task": task or only_task(store, ref), "analyses": {kind: {"kind": kind}}}
         written = settled(take_written(content, "analyse", overrides))
         config = parse_config(written.values, LoopConfig, "analyse", written.place)
         found = analyse(
-            replace(session, label=ref.id), config, ref, config.analyses[kind], lambda: _demonstrations(store, ref)
+            replace(session, label=ref.id), config, ref, config.analyses[kind], lambda: demonstrations_behind(store, ref, config.task)
         )
     shown = shown_analysis(store, found, kind)
-    if figure is not None and shown.png:
-        _write(figure, shown.png)
     if as_json:
         say_json({"analysis": str(found), **store.manifest(found).summary})
-        return
-    say(f"{shown.sentence} {found}")
-    for row in (shown.columns, *shown.rows):
-        say("  " + "".join(f"{cell:14}" for cell in row))
-    if figure is not None:
+    else:
+        say(f"{shown.sentence} {found}")
+        for row in (shown.columns, *shown.rows):
+            say("  " + "".join(f"{cell:14}" for cell in row))
+    if figure is not None and shown.png:
+        _write(figure, shown.png)
+    if figure is not None and not as_json:
         say(
             f"the figure is in '{printable(figure)}'"
             if shown.png
@@ -50,13 +53,13 @@ def analyse_checkpoint(
         )
 
 
-def _demonstrations(store: ArtifactStore, checkpoint: ArtifactRef) -> ArtifactRef:
-    """Those that a checkpoint was trained on."""
+def demonstrations_behind(store: ArtifactStore, checkpoint: ArtifactRef, task: str) -> ArtifactRef:
+    """Those of a task that a checkpoint was trained on."""
     for ref, manifest in read_lineage(store, [checkpoint]).items():
-        if manifest and manifest.recipe.stage == "ingest":
+        if manifest and manifest.recipe.stage == "ingest" and manifest.recipe.config.get("task") == task:
             return ref
     raise ArtifactNotFound(
-        f"the demonstrations behind {checkpoint} are not in the store; samples are drawn at a step of one of them"
+        f"the demonstrations of {task} behind {checkpoint} are not in the store; samples are drawn at a step of one of them"
     )
 
 
