@@ -27,19 +27,25 @@ def told_of_tasks(written: Written) -> Written:
         task = written.values.get("task", TASK_NAMES[0])
         return by_task.below(task).over(rest) if task in TASK_NAMES else rest
     if isinstance(tasks, list) and all(task in TASK_NAMES for task in tasks) and len(set(tasks)) == len(tasks):
-        rest = rest.with_section((TASKS_KEY,), Written({task: {} for task in tasks}))
+        place = rest.place((TASKS_KEY,))
+        rest = rest.with_section((TASKS_KEY,), Written({task: {} for task in tasks}, {(): place} if place else {}))
     for task in rest.sections(TASKS_KEY):
         rest = rest.with_section((TASKS_KEY, task), rest.below(TASKS_KEY, task).over(by_task.below(task)))
     return rest
 
 
 def _check(written: Written) -> None:
-    place = f"{written.place((BY_TASK_KEY,))}: {BY_TASK_KEY}"
     own = written.values[BY_TASK_KEY] or {}
-    if not isinstance(own, Mapping) or not all(isinstance(each, Mapping | None) for each in own.values()):
-        raise ConfigError(f"{place} must map tasks to what is said of each")
+    remedy = f"{BY_TASK_KEY} must map tasks to what is said of each"
+    if not isinstance(own, Mapping):
+        raise ConfigError(f"{written.place((BY_TASK_KEY,))}: {remedy}")
     for task, said in own.items():
+        place = written.place((BY_TASK_KEY, task))
+        if not isinstance(said, Mapping | None):
+            raise ConfigError(f"{place}: {remedy}")
         if task not in TASK_NAMES:
-            raise ConfigError(f"{place}: unknown task '{printable(task)}'{did_you_mean(task, TASK_NAMES)}")
+            raise ConfigError(
+                f"{place}: {BY_TASK_KEY}: unknown task '{printable(task)}'{did_you_mean(task, TASK_NAMES)}"
+            )
         if wrong := next((key for key in _OF_THE_RUN if key in (said or {})), None):
-            raise ConfigError(f"{place}.{task} must not have a '{wrong}' of its own")
+            raise ConfigError(f"{place}: {BY_TASK_KEY}.{task} must not have a '{wrong}' of its own")

@@ -45,6 +45,11 @@ def defaults() -> Mapping[str, Mapping[str, Any]]:
     return read_mapping(CONFIGS / "defaults" / "conditions.yaml")
 
 
+def of_one_task() -> dict[str, Any]:
+    """The conditions that come with juicer and need one task only, by name."""
+    return {name: own for name, own in defaults()["conditions"].items() if "joint_policy" not in own}
+
+
 @cache
 def shipped(name: str) -> Condition | None:
     """The condition of that name as it comes with juicer, or None."""

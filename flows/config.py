@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, ValidationInfo, field_serializer, field_validator, model_validator
 
 from flows.analyses import SamplingAnalysis
-from flows.conditions import MOST_DEFINITIONS, Condition, Name, check_known, defaults, defined, shipped
+from flows.conditions import MOST_DEFINITIONS, Condition, Name, check_known, defaults, defined, of_one_task, shipped
 from flows.loop_config import LoopConfig
 from flows.written import CHANGES_KEY, CONDITIONS_KEY
 from juicer.config import Place, nowhere, parse_config
@@ -187,11 +187,6 @@ class CollectInferConfig(FlowConfig):
         return ((self.condition, self.seed),)
 
 
-def _all_of_the_paper() -> dict[str, Any]:
-    """Every condition that comes with juicer and needs one task only."""
-    return {name: own for name, own in defaults()["conditions"].items() if "joint_policy" not in own}
-
-
 class StudyConfig(FlowConfig):
     """Conditions times seeds, compared.
 
@@ -203,9 +198,7 @@ class StudyConfig(FlowConfig):
     """
 
     flow: Literal["study"] = "study"
-    conditions: dict[Name, Condition] = Field(
-        default_factory=_all_of_the_paper, min_length=1, max_length=MOST_DEFINITIONS
-    )
+    conditions: dict[Name, Condition] = Field(default_factory=of_one_task, min_length=1, max_length=MOST_DEFINITIONS)
     seeds: tuple[RunSeed, ...] = Field(default=(0, 1, 2, 3, 4), min_length=1, max_length=MOST_SEEDS)
     curves: dict[Name, CurveConfig] = Field(default={}, max_length=MOST_DEFINITIONS)
     analysed_seed: RunSeed | None = None

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from prefect import flow
 from pydantic import Field, WithJsonSchema
 
-from flows.conditions import defaults
+from flows.conditions import of_one_task
 from flows.config import RunConfig
 from flows.running.body import run
 from flows.running.execution import RunOutcome
@@ -23,8 +23,8 @@ from juicer.tasks.task_name import TaskName
 from stages.runtime.names import STAGES
 
 Preset = Annotated[str, WithJsonSchema({"type": "string", "enum": names(PRESETS)})]
-ConditionName = Annotated[str, WithJsonSchema({"type": "string", "enum": list(defaults()["conditions"])})]
-"""A condition of the presets; those of one's own are for a configuration that is pasted."""
+ConditionName = Annotated[str, WithJsonSchema({"type": "string", "enum": list(of_one_task())})]
+"""A condition of the presets; those of one's own, or for several tasks, are for a configuration that is pasted."""
 StageName = Annotated[str, WithJsonSchema({"type": "string", "enum": list(STAGES)})]
 Pasted = Annotated[str, Field(json_schema_extra={"format": "json-string"})]
 """YAML; the format has Prefect's page show a field of several lines."""

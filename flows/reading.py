@@ -85,12 +85,12 @@ def _assigned(written: Written, folder: Path | None, assignments: Sequence[str],
     """
     bases = [text for text in assignments if assignment(text)[0] == (BASE_KEY,)]
     # A base decides what the other assignments apply to.
-    preset = _preset(Written({}).assigning(bases, here).values.get(BASE_KEY))
+    preset = _preset(Written({}).assigning(bases, here).values.get(BASE_KEY), here)
     if bases and preset is None:
         written, folder = written.assigning(bases, here), here
     whole = _over_base(written, folder, preset=preset)
-    if preset:
-        whole = _renamed(whole, preset.stem)
+    if preset and whole.values != _over_base(written, folder).values:
+        whole = _renamed(whole, preset.resolve().stem)
     return told_of_tasks(whole.assigning([text for text in assignments if text not in bases], here))
 
 
@@ -104,10 +104,10 @@ def _renamed(whole: Written, preset: str) -> Written:
     return whole
 
 
-def _preset(base: Any) -> Path | None:
-    """File of a preset that comes with juicer, if it is named."""
-    is_preset = isinstance(base, str) and is_name(base) and base in names(PRESETS)
-    return find_preset(base) if is_preset else None
+def _preset(base: Any, folder: Path | None) -> Path | None:
+    """File of the preset that a base is, if it is one that comes with juicer."""
+    found = None if base is None else _find_base(base, folder, ASSIGNED)
+    return found if found and _is_preset(found) else None
 
 
 def _from_file(path: Path) -> tuple[Written, Path]:

@@ -48,7 +48,8 @@ class Written:
         values, replaced = _merge(below.values, self.values)
         kept = {keys: place for keys, place in below.places.items() if not _is_below(keys, replaced)}
         result = Written(values, kept | dict(self.places))
-        for task in below.sections(BY_TASK_KEY):
+        # Of a task whose section is replaced as a whole, nothing from below is left.
+        for task in (task for task, own in result.sections(BY_TASK_KEY).items() if own):
             lower = below.below(BY_TASK_KEY, task)
             again = {keys: place for keys, place in self.places.items() if _holds(lower.values, keys)}
             lower = Written(_said_again(self.values, lower.values), {**lower.places, **again})
@@ -142,6 +143,8 @@ def settled(written: Written) -> Written:
         if base is not None and base not in bases:
             near = did_you_mean(str(base), bases)
             raise ConfigError(f"{where}.{BASE_KEY}: must name a policy without a base, got '{printable(base)}'{near}")
+        if base is not None and not isinstance(policies[base], Mapping):
+            continue  # likewise
         if base is not None:
             own = own.without(BASE_KEY).over(written.below(POLICIES_KEY, base))
             places = {(POLICIES_KEY, name, *keys): place for keys, place in own.places.items()}

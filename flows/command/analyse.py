@@ -34,7 +34,11 @@ def analyse_checkpoint(
         written = settled(take_written(content, "analyse", overrides))
         config = parse_config(written.values, LoopConfig, "analyse", written.place)
         found = analyse(
-            replace(session, label=ref.id), config, ref, config.analyses[kind], lambda: demonstrations_behind(store, ref, config.task)
+            replace(session, label=ref.id),
+            config,
+            ref,
+            config.analyses[kind],
+            lambda: demonstrations_behind(store, ref, config.task),
         )
     shown = shown_analysis(store, found, kind)
     if as_json:
@@ -59,7 +63,8 @@ def demonstrations_behind(store: ArtifactStore, checkpoint: ArtifactRef, task: s
         if manifest and manifest.recipe.stage == "ingest" and manifest.recipe.config.get("task") == task:
             return ref
     raise ArtifactNotFound(
-        f"the demonstrations of {task} behind {checkpoint} are not in the store; samples are drawn at a step of one of them"
+        f"the demonstrations of {task} behind {checkpoint} are not in the store; "
+        "samples are drawn at a step of one of them"
     )
 
 

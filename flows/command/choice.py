@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from juicer.errors import ConfigError, did_you_mean
@@ -57,30 +58,35 @@ class Choice:
         options = [word for option, values in chosen.items() for value in values for word in (option, str(value))]
         return shlex.join([self.source, *options])
 
+    @cached_property
+    def _whole(self) -> tuple[Written, tuple[RunConfig, ...]]:
+        """What was written, and the runs that it describes."""
+        from flows.reading import read_written
+        from flows.runs import runs_of
+
+        written = read_written(self.source, self.overrides)
+        return written, runs_of(written, str(self.source))
+
     def written(self) -> Written:
-        """What was written of the chosen part; the configuration must be valid.
+        """What was written of the chosen part.
 
         A model for several tasks needs all of them, whichever it is evaluated on: they stay in it then.
+
+        Raises:
+            ConfigError: As :meth:`runs` does.
         """
-        from flows.command.narrowing import with_part, with_tasks
+        from flows.command.narrowing import with_model, with_part, with_tasks
         from flows.config import StudyConfig
-        from flows.reading import read_written
-        from flows.runs import load_runs
         from flows.written import TASKS_KEY, settled
 
-        written, part = read_written(self.source, self.overrides), self.runs()
-        whole = load_runs(self.source, self.overrides)
+        part = self.runs()
+        written, whole = self._whole
         if self.tasks and written.values.get(TASKS_KEY) and not any(run.is_joint for run in part):
             written = with_tasks(written, self.tasks)
             whole = tuple(run for run in whole if run.task in self.tasks)
-        studies = [run for run in whole if isinstance(run, StudyConfig)]
-        if studies:
-            written = with_part(written, studies, self.conditions, self.seeds)
-        else:
-            for option, key, chosen in (("--condition", "condition", self.conditions), ("--seed", "seed", self.seeds)):
-                if chosen:
-                    written = written.replacing((key,), chosen[0], option)
-        return settled(written)
+        if studies := [run for run in whole if isinstance(run, StudyConfig)]:
+            return settled(with_part(written, studies, self.conditions, self.seeds))
+        return settled(with_model(written, self.conditions, self.seeds))
 
     def runs(self) -> list[RunConfig]:
         """The chosen part, one run a task.
@@ -88,20 +94,21 @@ class Choice:
         Raises:
             ConfigError: If the configuration is not valid, or has no such part.
         """
-        from flows.runs import load_runs
+        from flows.config import StudyConfig
+        from flows.written import TASKS_KEY
 
-        runs = load_runs(self.source, self.overrides)
-        known = [run.task for run in runs]
+        written, whole = self._whole
+        known = [run.task for run in whole]
         for task in self.tasks:
             if task not in known:
-                remedy = (
-                    f"; --set task={task} makes it one of that task" if len(runs) == 1 else did_you_mean(task, known)
-                )
+                is_of_one = not written.values.get(TASKS_KEY)
+                remedy = f"; --set task={task} makes it one of that task" if is_of_one else did_you_mean(task, known)
                 raise ConfigError(f"the configuration has no task '{task}'{remedy}")
-        chosen = [run for run in runs if not self.tasks or run.task in self.tasks]
+        chosen = [run for run in whole if not self.tasks or run.task in self.tasks]
+        studies = [run for run in chosen if isinstance(run, StudyConfig)]
         for name in self.conditions:
-            having = [run.task for run in chosen if name in run.conditions]
-            without = [run.task for run in chosen if run.task not in having]
+            having = [run.task for run in studies if name in run.conditions]
+            without = [run.task for run in studies if run.task not in having]
             if having and without:
                 options = " ".join(f"--task {task}" for task in having)
                 raise ConfigError(f"task {without[0]} has no condition '{name}'; add {options}, which has it")

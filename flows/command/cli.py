@@ -36,7 +36,7 @@ from flows.terminal.output import say_error
 from flows.terminal.streams import tolerate_refusals
 from juicer import __version__
 from juicer.artifacts.ref import KINDS
-from juicer.errors import JuicerError
+from juicer.errors import ConfigError, JuicerError
 from juicer.tasks.specification import Randomness
 
 VIEWS = ("front", "wrist", "both")
@@ -197,6 +197,8 @@ def labels(artifact: ArtifactId, file: LabelsFile, numbered: Numbered = None, im
     """Write critical states as a labels file, to correct them by hand; or take such a file into what people said."""
     from flows.command.labels import import_labels_file, write_labels_file
 
+    if import_as is not None and numbered is not None:
+        raise ConfigError("--numbered tells what a labels file is written from; it does not go with --import-as")
     if import_as is None:
         write_labels_file(artifact, file, numbered)
     else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from flows.command.choice import Choice
@@ -42,23 +42,27 @@ def print_configuration(choice: Choice, as_json: bool) -> None:
 
 
 def full_content(written: Written, runs: list[RunConfig]) -> dict[str, Any]:
-    """What was written with all that was left open; of several tasks, only what was said of each."""
+    """What was written with all that was left open; of several tasks, only what each says for itself."""
     first = runs[0]
     content: dict[str, Any] = {FLOW_KEY: written.values.get(FLOW_KEY, DEFAULT_FLOW)}
     of_one = ("conditions", "condition", "seed", "shifted")
     of_study = ("conditions", "left_out", "seeds", "curves", "analysed_seed", "shifted")
     own = of_study if content[FLOW_KEY] == "study" else of_one
     tasks = written.values.get(TASKS_KEY)
-    # What one of several tasks says for itself stands there.
-    of_flow = written.values if tasks else first.model_dump(mode="json", include=set(own))
+    of_flow = {**_defaults(first, own), **written.values} if tasks else first.model_dump(mode="json", include=set(own))
     common = {key: value for key, value in written.values.items() if key in LoopConfig.model_fields}
     loop = parse_config(common, LoopConfig, "the configuration", written.place).model_dump(mode="json", exclude={"mix"})
     if tasks:
         loop = {key: value for key, value in loop.items() if key != "task"}
     content |= {key: loop.pop(key) for key in ("name", "task", "randomness") if key in loop}
-    loop = {key: of_flow[key] for key in own if of_flow.get(key) not in ({}, [], None)} | loop
+    loop = {key: of_flow[key] for key in own if of_flow.get(key) not in ({}, [], (), None)} | loop
     content |= {key: value for key, value in loop.items() if not isinstance(value, dict)}
     return content | loop | ({TASKS_KEY: tasks} if tasks else {})
+
+
+def _defaults(run: RunConfig, keys: Iterable[str]) -> dict[str, Any]:
+    found = {key: type(run).model_fields[key].get_default(call_default_factory=True) for key in keys}
+    return {key: list(value) if key in ("conditions", "seeds") else value for key, value in found.items()}
 
 
 def _origin(written: Written, keys: Keys) -> str | None:

@@ -1,4 +1,4 @@
-"""What was written of a study, narrowed to a part of it: a configuration that is just this part."""
+"""What was written, narrowed to a part of it: a configuration that is just this part."""
 
 from __future__ import annotations
 
@@ -20,6 +20,16 @@ def with_tasks(written: Written, tasks: Collection[str]) -> Written:
     names = [task for task in said if task in tasks]
     kept = {task: said[task] for task in names} if isinstance(said, Mapping) else names
     return replace(written, values={**written.values, TASKS_KEY: kept})
+
+
+def with_model(written: Written, conditions: Sequence[str], seeds: Sequence[int]) -> Written:
+    """The same for another condition or seed, of which there is one at most, also where a task has its own."""
+    for key, option, chosen in (("condition", "--condition", conditions), ("seed", "--seed", seeds)):
+        own = [(TASKS_KEY, task) for task, said in written.sections(TASKS_KEY).items() if key in (said or {})]
+        for value in chosen:
+            for outer in ((), *own):
+                written = written.replacing((*outer, key), value, option)
+    return written
 
 
 def with_part(

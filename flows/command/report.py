@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import date, datetime
@@ -42,7 +43,7 @@ def write_report_page(choices: Sequence[Choice], output: Path, as_json: bool) ->
     if not studies:
         sources = " and ".join(printable(choice.source) for choice in choices)
         raise NothingLeft(f"no model of {sources} is evaluated yet; `juicer run` does that")
-    facts = _facts(choices, runs, studies) | {"models evaluated": f"{evaluated} of {planned}"}
+    facts = _facts(choices, output, runs, studies) | {"models evaluated": f"{evaluated} of {planned}"}
     shown = printable(output, 500)
     try:
         files = _write(output, Path(choices[0].source).stem.replace("_", " "), facts, studies)
@@ -118,11 +119,13 @@ def _of(run: RunConfig, model: ModelOutcome) -> ModelOutcome:
     return replace(model, setting=model.setting.within(f"as in {run.name}"))
 
 
-def _facts(choices: Sequence[Choice], runs: Sequence[RunConfig], studies: Sequence[TaskStudy]) -> dict[str, str]:
+def _facts(
+    choices: Sequence[Choice], output: Path, runs: Sequence[RunConfig], studies: Sequence[TaskStudy]
+) -> dict[str, str]:
     """What the page was made of, and how it is made again."""
     first, *others = choices
     beside = "".join(f" --with {choice.as_arguments()}" for choice in others)
-    report = f"juicer report {first.as_arguments()}{beside}"
+    report = f"juicer report {first.as_arguments()}{beside} --output {shlex.quote(output.name)}"
     facts = {
         "made on": date.today().isoformat(),
         "made again by": "; ".join([*(f"juicer run {choice.as_arguments()}" for choice in choices), report]),

@@ -38,11 +38,11 @@ if TYPE_CHECKING:
 
 def run_flow(choice: Choice, as_json: bool) -> None:
     """``juicer run``."""
+    configs = choice.runs()
     settings = read_settings()
     check_device(settings)
     has_server = prepare_environment(settings)
     _check_cluster(settings, has_server)
-    configs = choice.runs()
     store = open_store(settings)
     outcomes = []
     watch = watch_server(settings) if has_server else None
@@ -160,6 +160,7 @@ def _run_in_prefect(config: RunConfig, watch: ServerWatch) -> RunOutcome:
 
 def run_stage(name: str, choice: Choice, force: bool, as_json: bool) -> None:
     """``juicer stage``."""
+    configs = choice.runs()
     settings = read_settings()
     check_device(settings)
     has_server = prepare_environment(settings)
@@ -168,7 +169,6 @@ def run_stage(name: str, choice: Choice, force: bool, as_json: bool) -> None:
     from stages.runtime.catalog import find_stage
 
     find_stage(name)
-    configs = choice.runs()
     # What is wrong is better said before a server starts.
     ready_calls(open_store(settings), configs, name)
     watch = watch_server(settings) if has_server else start_server(settings)

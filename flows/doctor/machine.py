@@ -14,7 +14,7 @@ from flows.running.capacity import LEAST_MEMORY, MEMORY_A_STAGE, available_memor
 from flows.running.settings import Settings
 
 FULL_BYTES, TIGHT_BYTES = 0.5e9, 5e9
-"""Letters of a folder in which multiprocessing can make its sockets, whose paths may have 107."""
+"""Free bytes below which a disk counts as full, and below which as tight."""
 OLDEST_YEAR = 2026
 
 

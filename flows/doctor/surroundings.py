@@ -13,13 +13,13 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from flows.doctor.verdict import Verdict, ok, problem, warning
-from flows.running.settings import PREFIX, RUNNER_VARIABLE, Settings
-from flows.servers.addresses import LOOPBACK, connect
+from flows.running.settings import PREFIX, RENAMED, RUNNER_VARIABLE, Settings
+from flows.servers.addresses import LOOPBACK, PORTS, connect
+from flows.servers.environment import API_VARIABLE
+from flows.servers.process import title
 from juicer.errors import did_you_mean
 
 CONNECT_SECONDS = 3.0
-PORTS = {"Prefect": 4200, "MLflow": 5000}
-PREFECT_ADDRESS = "PREFECT_API_URL"
 
 
 def check_variables(settings: Settings) -> Iterator[Verdict]:
@@ -28,7 +28,9 @@ def check_variables(settings: Settings) -> Iterator[Verdict]:
     named = sorted(name for name in os.environ if name.startswith(PREFIX))
     unknown = [name for name in named if name not in known]
     for name in unknown:
-        yield problem(f"environment variable {name} is not known{did_you_mean(name, known)}", f"unset {name}")
+        yield problem(
+            f"environment variable {name} is not known{RENAMED.get(name) or did_you_mean(name, known)}", f"unset {name}"
+        )
     if not unknown:
         yield ok(", ".join(named) if named else "no variable of juicer's is set; its defaults hold")
 
@@ -53,16 +55,16 @@ def check_proxies(settings: Settings) -> Iterator[Verdict]:
 
 def check_prefect(settings: Settings) -> Iterator[Verdict]:
     """Whether the Prefect server that the environment names answers."""
-    url = os.environ.get(PREFECT_ADDRESS, "")
+    url = os.environ.get(API_VARIABLE, "")
     if not url:
-        remedy = f"set {PREFECT_ADDRESS}, or unset {RUNNER_VARIABLE}"
+        remedy = f"set {API_VARIABLE}, or unset {RUNNER_VARIABLE}"
         if settings.cluster:
             yield problem("stages are to run on other machines, and no Prefect server is named", remedy)
         else:
             yield ok("no Prefect server is named: a run uses that of `juicer ui`, or starts one for its own length")
         return
     if reason := _refusal(url):
-        yield problem(f"the Prefect server at '{url}' {reason}", f"start it, or unset {PREFECT_ADDRESS}")
+        yield problem(f"the Prefect server at '{url}' {reason}", f"start it, or unset {API_VARIABLE}")
     else:
         yield ok(f"the Prefect server at '{url}' takes connections")
 
@@ -74,7 +76,7 @@ def check_ports(settings: Settings) -> Iterator[Verdict]:
             probe.settimeout(CONNECT_SECONDS)
             in_use = probe.connect_ex((LOOPBACK, port)) == 0
         told = "in use: by a server of yours, or `juicer ui` takes another" if in_use else "free"
-        yield ok(f"port {port}, {name}'s usual one, is {told}")
+        yield ok(f"port {port}, {title(name)}'s usual one, is {told}")
 
 
 def check_tracking(settings: Settings) -> Iterator[Verdict]:

@@ -11,6 +11,8 @@ from juicer.errors import ConfigError, ServiceUnavailable
 from juicer.text import printable
 
 LOOPBACK = "127.0.0.1"
+PORTS = {"prefect": 4200, "mlflow": 5000}
+"""The usual ones of both servers."""
 HEALTH_SECONDS = 2.0
 BACKLOG = 2048
 

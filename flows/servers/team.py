@@ -5,13 +5,11 @@ from __future__ import annotations
 import os
 
 from flows.running.settings import read_settings
-from flows.servers.addresses import listen_on
+from flows.servers.addresses import PORTS, listen_on
 from flows.servers.environment import API_VARIABLE, quiet_environment
 from flows.servers.program import NAMES_VARIABLE, serve
 from juicer.errors import ConfigError, ServiceUnavailable, did_you_mean
 from juicer.text import printable
-
-PORTS = {"prefect": 4200, "mlflow": 5000}
 
 
 def serve_one(name: str, host: str, port: int | None) -> None:

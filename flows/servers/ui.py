@@ -14,7 +14,7 @@ from flows.running.data_folder import prepare_folder, write_private
 from flows.running.flow_runs import mark_crashed
 from flows.running.services import Services, announce, find_services, only_one
 from flows.running.settings import Settings, read_settings
-from flows.servers.addresses import listen
+from flows.servers.addresses import PORTS, listen
 from flows.servers.environment import (
     API_VARIABLE,
     DATABASE_VARIABLE,
@@ -31,8 +31,6 @@ from flows.terminal.output import say, say_json
 from juicer.errors import ConfigError, ServiceUnavailable
 from stages.tracking.destination import Destination, newest_study, runs_page
 
-PREFECT_PORT = 4200
-MLFLOW_PORT = 5000
 ENVIRONMENT_FILE = "servers.env"
 
 
@@ -53,8 +51,8 @@ def serve_pages(prefect_port: int | None, mlflow_port: int | None, as_json: bool
             where = f": Prefect {running.prefect}, MLflow {running.mlflow}" if running else ""
             raise ServiceUnavailable(f"the pages are already served{where}")
         listeners = [
-            stack.enter_context(listen(prefect_port, PREFECT_PORT, "Prefect")),
-            stack.enter_context(listen(mlflow_port, MLFLOW_PORT, "MLflow")),
+            stack.enter_context(listen(prefect_port, PORTS["prefect"], "Prefect")),
+            stack.enter_context(listen(mlflow_port, PORTS["mlflow"], "MLflow")),
         ]
         credentials = credentials_of(settings.folder)
         if not as_json:

@@ -77,7 +77,7 @@ def create_application(workplace: Workplace) -> FastAPI:
 
 
 class _Policy:
-    """ASGI application that adds the content policy to every answer."""
+    """ASGI application that adds the content policy to every answer but those to a defect, which bring it along."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -114,7 +114,10 @@ def _invalid(request: Request, error: Exception) -> Response:
 
 
 def _defect(request: Request, error: Exception) -> Response:
-    return _answer(request, "this page failed, which is a defect of juicer; the terminal that serves it says more", 500)
+    sentence = "this page failed, which is a defect of juicer; the terminal that serves it says more"
+    answer = _answer(request, sentence, 500)
+    answer.headers["content-security-policy"] = CONTENT_POLICY
+    return answer
 
 
 def _answer(request: Request, sentence: str, status: int) -> Response:

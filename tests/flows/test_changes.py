@@ -276,6 +276,7 @@ def test_the_page_of_a_study_shows_analyses_and_their_figures(finished, tmp_path
     assert json.loads(capsys.readouterr().out)["files"] == [str(alone / "study.html")] == [*map(str, alone.iterdir())]
     page = (alone / "study.html").read_text()
     assert '<img src="data:image/png;base64,' in page
+    assert "--output study.html" in page
     titles = re.findall(r"^## (.+)$", text, re.M)
     assert re.findall(r"<section id=.*>\n<h2>(.+)</h2>", page) == titles
 
@@ -291,7 +292,7 @@ def test_several_configurations_share_a_page(finished, tmp_path, monkeypatch, ca
     assert json.loads(capsys.readouterr().out)["evaluated"] == 5
     text = page.read_text()
     chosen = f"{folder}/sweep.yaml --condition bc"
-    commands = f"juicer run {chosen}; juicer run {other}; juicer report {chosen} --with {other}"
+    commands = f"juicer run {chosen}; juicer run {other}; juicer report {chosen} --with {other} --output study.md"
     assert f"| made again by | {commands} |" in text.replace("\\_", "_")
     assert all(f"| {title} |" in text for title in ("BC", "Another", "BC, longer"))
     (config,) = load_runs(write(tmp_path / "other.yaml", SWEEP.replace("episodes: 2,", "episodes: 3,")))

@@ -21,7 +21,7 @@ from flows.doctor.places import check_data_folder, check_leftovers, check_store
 from flows.doctor.program import ProgramFailed, run_program
 from flows.doctor.surroundings import check_prefect, check_proxies, check_tracking, check_variables
 from flows.doctor.verdict import State, ok
-from flows.running.settings import Settings
+from flows.running.settings import RENAMED, Settings
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ConfigError
@@ -249,6 +249,12 @@ def test_database_of_records_that_is_none_is_a_problem(settings):
 def test_known_variables_are_listed(settings):
     (verdict,) = check_variables(settings)
     assert "JUICER_DATA" in verdict.message
+
+
+def test_a_variable_that_was_renamed_is_told_as_every_command_tells_it(settings, monkeypatch):
+    monkeypatch.setenv("JUICER_SPREAD", "1")
+    (verdict,) = check_variables(settings)
+    assert verdict.message == "environment variable JUICER_SPREAD is not known" + RENAMED["JUICER_SPREAD"]
 
 
 def test_the_doctor_is_quick_to_describe_itself(capsys):

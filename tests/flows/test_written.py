@@ -268,6 +268,10 @@ def test_what_is_said_by_task_gives_way_to_what_is_said_above(tmp_path):
     [
         ("by_task: [lamp]\n", r"run\.yaml:1: by_task must map tasks to what is said of each"),
         ("by_task: {lamp: 3}\n", "by_task must map tasks"),
+        ("base: laptop\nby_task:\n  lamp: 3\n", r"run\.yaml:3: by_task must map tasks"),
+        ("base: laptop\nby_task: 3\n", r"run\.yaml:2: by_task must map tasks"),
+        ("base: laptop\npolicies: {diffusion: 3}\n", r"run\.yaml:2: policies\.diffusion: must hold keys and values"),
+        ("base: laptop\ntasks: [lamp]\ntask: lamp\n", r"run\.yaml:2: 'tasks' must list tasks"),
         ("by_task: {lmap: {}}\n", "by_task: unknown task 'lmap'; did you mean 'lamp'"),
         ("by_task: {lamp: {name: a}}\n", r"by_task\.lamp must not have a 'name' of its own"),
         ("task: lamp\nby_task: {lamp: {roundz: 3}}\n", "did you mean 'rounds'"),
@@ -288,6 +292,9 @@ def test_a_configuration_with_another_preset_is_a_study_of_its_own(tmp_path):
         "ours_laptop_image",
         "juicer_laptop_image_one_leg",
     ]
+    for preset in (str(PRESETS / "laptop_image.yaml"), "presets/laptop_image.yaml"):
+        assert load_runs(path, [f"base={preset}"])[0].name == "ours_laptop_image"
+    assert load_runs(path, ["base=laptop"])[0].name == "ours"
     runs = load_runs("paper_study", ["base=laptop_image"])
     assert runs[0].name == "paper_study_laptop_image_one_leg"
 
@@ -330,7 +337,10 @@ def test_names_in_a_list_pick_from_what_is_said_by_task_as_well(tmp_path):
         assert run.policies["diffusion"].training.steps == 16000
 
 
-def test_what_is_said_by_task_can_be_left_out():
+def test_what_is_said_by_task_can_be_left_out(tmp_path):
     for nothing in ("by_task=null", "by_task.lamp=null", "by_task={}"):
         (run,) = load_runs("demo", ["task=lamp", nothing])
+        assert run.policies["diffusion"].training.steps == 8000
+    for nothing in ("null", "{lamp: null}", "[round_table]"):
+        (run,) = load_runs(write(tmp_path / "run.yaml", f"base: laptop\ntask: lamp\nby_task: {nothing}\n"))
         assert run.policies["diffusion"].training.steps == 8000

@@ -75,6 +75,14 @@ def test_browser_may_load_only_what_this_server_sends(client):
     assert "unsafe" not in policy
 
 
+def test_a_page_that_fails_may_load_no_more(tmp_path):
+    application = create_application(Workplace(ArtifactStore(tmp_path), tmp_path))
+    application.add_api_route("/defect", lambda: 1 / 0)
+    answer = TestClient(application, raise_server_exceptions=False).get("/defect")
+    assert answer.status_code == 500
+    assert "default-src 'none'" in answer.headers["content-security-policy"]
+
+
 @pytest.mark.parametrize("path", ["/nowhere", "/static/nowhere.css", "/static/../application.py"])
 def test_unknown_address_is_a_page_with_a_sentence(client, path):
     answer = client.get(path, headers=HTML)

@@ -276,6 +276,7 @@ def test_several_tasks_count_together_in_the_order_of_the_configuration():
         ),
         (["run", "smoke", "--condition", "tai"], "the study has no condition 'tai'; did you mean 'ta_ci'?"),
         (["run", "laptop", "--condition", "tai"], "condition: unknown condition 'tai'; did you mean 'ta'?"),
+        (["config", "laptop", "--set", "tasks=[one_leg]", "--task", "lamp"], "no task 'lamp'; valid: one_leg"),
         (["run", "demo", "--task", "lamp"], "no task 'lamp'; --set task=lamp makes it one of that task"),
         (["run", "laptop", "--seed", "0", "--seed", "1"], "is of one model: give one seed, or make it a study"),
         (["run", "demo", "--set", "seeds=[1]", "--set", "seeds=[2]"], "--set 'seeds=[2]' undoes --set 'seeds=[1]'"),

@@ -82,6 +82,27 @@ def test_a_part_of_a_study_leaves_out_what_only_the_rest_of_it_says(capsys, tmp_
     assert (origins["conditions"], origins["tasks.lamp.seeds"]) == ("--condition", "--seed")
 
 
+def test_a_chosen_model_goes_before_that_of_each_task(capsys, tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("base: laptop\ncondition: bc\ntasks: {one_leg: {}, lamp: {condition: ci, seed: 3}}\n")
+    arguments = [str(path), "--condition", "ta", "--seed", "5"]
+    again = tmp_path / "again.yaml"
+    again.write_text(printed(capsys, *arguments))
+    assert list(load_runs(again)) == Choice.of(str(path), None, None, ["ta"], [5]).runs()
+    assert {run.models for run in load_runs(again)} == {(("ta", 5),)}
+
+
+def test_of_several_tasks_what_is_left_open_for_all_is_printed_too(capsys, tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("base: laptop\ntasks: [lamp, one_leg]\n")
+    told = json.loads(printed(capsys, str(path), "--json"))
+    assert (told["configuration"]["condition"], told["configuration"]["seed"]) == ("ta_ci", 0)
+    assert told["from"]["tasks.one_leg"].endswith("mine.yaml:2")
+    told = json.loads(printed(capsys, str(path), "--set", "flow=study", "--json"))
+    assert told["configuration"]["seeds"] == [0, 1, 2, 3, 4]
+    assert told["configuration"]["conditions"][:2] == ["replay", "bc"]
+
+
 def test_values_say_where_they_come_from(capsys):
     lines = {
         line.partition(":")[0].strip(): line.partition("  # ")[2].strip()

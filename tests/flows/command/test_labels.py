@@ -107,6 +107,8 @@ def test_labels_go_in_as_what_somebody_said_and_come_out_again(
     (label,) = read_labels(out)
     assert (label.recording, label.step, label.critical_state) == (demonstration.record.episode_id, 7, 0)
     assert "must be plain text" in complaint(capsys, "labels", episodes.id, str(labels), "--import-as", "\x1b[31m")
+    both = ("--import-as", "Ada", "--numbered", str(labels))
+    assert "does not go with --import-as" in complaint(capsys, "labels", episodes.id, str(labels), *both)
     labels.unlink()
     write_labels(labels, [Label("nobody.npz", 7, 0, "here")])
     told = complaint(capsys, "labels", episodes.id, str(labels), "--import-as", "Bob")

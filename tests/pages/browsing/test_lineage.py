@@ -33,9 +33,10 @@ def test_boxes_show_what_their_artifacts_hold(client, run):
 
 
 @pytest.mark.parametrize("address", ["/lineage", "/episodes"])
-def test_number_that_is_none_is_refused_and_no_defect(client, run, address):
+def test_number_that_is_none_is_refused_and_one_behind_the_end_told(client, run, address):
     assert client.get(address, params={"first": "0"}).status_code == 200
     assert client.get(address, params={"first": "soon"}).status_code == 400
+    assert "The list ends before number 5001" in client.get(address, params={"first": "5000"}).text
 
 
 def test_drawing_needs_no_style_that_the_policy_forbids(client, run):
