@@ -11,6 +11,7 @@ from prefect.client.schemas.filters import ArtifactFilter, ArtifactFilterFlowRun
 from prefect.context import FlowRunContext
 from prefect.testing.utilities import prefect_test_harness
 
+from flows.config import CollectInferConfig
 from flows.running.body import _show
 from flows.running.execution import RunOutcome
 from juicer.artifacts.recipe import Recipe
@@ -42,7 +43,7 @@ def shown(outcome: RunOutcome, store: ArtifactStore, pages: str) -> dict[str, st
 
     @flow(persist_result=False)
     def run() -> object:
-        _show(outcome, store, pages)
+        _show(outcome, CollectInferConfig(), store, pages)
         context = FlowRunContext.get()
         assert context is not None
         assert context.flow_run is not None
