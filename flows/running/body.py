@@ -71,6 +71,6 @@ def _show(outcome: RunOutcome, config: RunConfig, store: ArtifactStore, pages: s
 
 def _show_table(key: str, table: tuple[Sequence[str], Sequence[Sequence[str]]], description: str) -> None:
     columns, rows = table
-    if rows:
+    if columns:
         content = [dict(zip(columns, row, strict=True)) for row in rows]
         create_table_artifact(table=content, key=key, description=description)
