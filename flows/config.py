@@ -133,6 +133,10 @@ class FlowConfig(LoopConfig):
         """Whether one of the models is for several tasks."""
         return any(self.method(name).joint_policy for name in self.chosen)
 
+    def trimmed(self) -> Self:
+        """The same without the other tasks, unless one of its models learns them all."""
+        return self if self.is_joint else self.model_copy(update={MIX_KEY: {}})
+
 
 class CollectInferConfig(FlowConfig):
     """One model of one condition."""
@@ -155,7 +159,7 @@ class CollectInferConfig(FlowConfig):
                 )
             if values:
                 update[key] = values[0]
-        return parse_config({**dict(self), **update}, CollectInferConfig, origin="the chosen part")
+        return parse_config({**dict(self), **update}, CollectInferConfig, origin="the chosen part").trimmed()
 
     @model_validator(mode="before")
     @classmethod
@@ -249,7 +253,7 @@ class StudyConfig(FlowConfig):
                 raise ConfigError(f"the study has no seed {seed}; its seeds are {', '.join(map(str, self.seeds))}")
         kept = {name: own for name, own in self.conditions.items() if not conditions or name in conditions}
         curves = {name: curve.narrowed(kept) for name, curve in self.curves.items()}
-        return self.model_copy(
+        part = self.model_copy(
             update={
                 "conditions": kept,
                 "left_out": (*self.left_out, *(name for name in self.conditions if name not in kept)),
@@ -259,6 +263,7 @@ class StudyConfig(FlowConfig):
                 "curves": {name: curve for name, curve in curves.items() if curve.conditions},
             }
         )
+        return part.trimmed()
 
     @field_validator("seeds")
     @classmethod

@@ -77,8 +77,7 @@ def runs_of(written: Written, origin: str) -> tuple[RunConfig, ...]:
         for task, own in each.items()
     }
     runs = [parse_config({**own.values, MIX_KEY: loops}, _FLOWS[flow], origin, own.place) for own in each.values()]
-    # A run does not need the other tasks unless one of its models learns them all.
-    return tuple(run if run.is_joint else run.model_copy(update={MIX_KEY: {}}) for run in runs)
+    return tuple(run.trimmed() for run in runs)
 
 
 def _each_task(written: Written, origin: str) -> dict[str, Written]:

@@ -45,9 +45,7 @@ def test_output_is_the_same_configuration(capsys, tmp_path, arguments):
     for name, value in zip(arguments[1::2], arguments[2::2], strict=True):
         chosen[name].append(int(value) if name == "--seed" else value)
     expected = Choice.of(arguments[0], *chosen.values()).runs()
-    # Other tasks concern a model for several of them, and none is asked for.
-    alone = [run if run.is_joint else run.model_copy(update={"mix": {}}) for run in expected]
-    assert list(load_runs(path)) == alone
+    assert list(load_runs(path)) == expected
     again = printed(capsys, str(path))
     strip = [line.partition("  # ")[0].rstrip() for line in path.read_text().splitlines()]
     assert [line.partition("  # ")[0].rstrip() for line in again.splitlines()] == strip
