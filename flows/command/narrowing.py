@@ -10,8 +10,8 @@ from flows.written import CONDITIONS_KEY, TASKS_KEY, Written
 
 SEEDS_KEY, CURVES_KEY = "seeds", "curves"
 _OPTIONS = {CONDITIONS_KEY: "--condition", SEEDS_KEY: "--seed"}
-_SETTLED = {"left_out": "--condition", "analysed_seed": "--seed"}
-"""What a part says of the whole, and the option that makes it say so."""
+_SETTLED = {CONDITIONS_KEY: "left_out", SEEDS_KEY: "analysed_seed"}
+"""What a part says of the whole when some of these are chosen."""
 
 
 def with_tasks(written: Written, tasks: Collection[str]) -> Written:
@@ -48,18 +48,19 @@ def with_part(
     unsaid = {key: list(dict.fromkeys(each for run in whole for each in getattr(run, key))) for key in chosen}
     result = _narrowed(Written({**unsaid, **written.values}, written.places), chosen)
     for task in written.sections(TASKS_KEY):
-        own = _narrowed(written.below(TASKS_KEY, task), chosen).without(*_SETTLED)
+        own = _narrowed(written.below(TASKS_KEY, task), chosen).without(*(_SETTLED[key] for key in chosen))
         result = result.with_section((TASKS_KEY, task), own)
     parts = [
         run.narrowed([name for name in conditions if name in run.conditions], [n for n in seeds if n in run.seeds])
         for run in whole
     ]
-    for key, option in _SETTLED.items():
-        settled = {part.task: part.model_dump(mode="json", include={key})[key] for part in parts}
+    for key in chosen:
+        option, told = _OPTIONS[key], _SETTLED[key]
+        settled = {part.task: part.model_dump(mode="json", include={told})[told] for part in parts}
         common = settled[parts[0].task]
-        result = result.replacing((key,), common, option)
+        result = result.replacing((told,), common, option)
         for task in (part.task for part in parts if settled[part.task] != common):
-            result = result.replacing((TASKS_KEY, task, key), settled[task], option)
+            result = result.replacing((TASKS_KEY, task, told), settled[task], option)
     return result
 
 

@@ -78,6 +78,8 @@ def test_a_part_of_a_study_leaves_out_what_only_the_rest_of_it_says(capsys, tmp_
     assert {name: curve["conditions"] for name, curve in content["curves"].items()} == {"data": {"ta": 2}}
     assert origins["curves.data.title"].endswith("mine.yaml:4")
     assert (origins["conditions"], origins["tasks.lamp.seeds"]) == ("--condition", "--seed")
+    told = json.loads(printed(capsys, arguments[0], "--set", "analysed_seed=0", "--condition", "ta", "--json"))
+    assert (told["from"]["analysed_seed"], told["from"]["left_out"]) == ("--set", "--condition")
 
 
 def test_a_chosen_model_goes_before_that_of_each_task(capsys, tmp_path):
