@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import os
 import time
+from pathlib import Path
 
 import pytest
 
 from benchmarks.page.chromium import CHROMIUM, Chromium
 from benchmarks.page.driving import COUNT_PAUSES, begin, drive
 from benchmarks.page.hands import Hands
-from benchmarks.page.server import serving
+from benchmarks.page.server import Server, serving
 from benchmarks.page.slow_line import SlowLine
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.store import ArtifactStore
@@ -35,6 +36,50 @@ def browser(tmp_path):
 
 def shown(browser: Chromium, name: str) -> object:
     return json.loads(browser.evaluate(f"JSON.stringify(teleop.status.{name} ?? null)"))
+
+
+def press_mouse(browser: Chromium, selector: str) -> None:
+    """Press the mouse on an element."""
+    press_mouse_at(browser, *place_of(browser, selector))
+
+
+def place_of(browser: Chromium, selector: str) -> tuple[float, float]:
+    """A place on an element that is scrolled into view."""
+    x, y = browser.evaluate(
+        f"(() => {{ const place = document.querySelector({json.dumps(selector)}); place.scrollIntoView();"
+        " const {x, y} = place.getBoundingClientRect(); return [x + 5, y + 5]; })()"
+    )
+    return x, y
+
+
+def press_mouse_at(browser: Chromium, x: float, y: float, count: int = 1) -> None:
+    """Press the mouse at a place, the `count`-th time in a row."""
+    for kind in ("mousePressed", "mouseReleased"):
+        browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=count)
+
+
+CATCH_SOCKETS = """
+window.sockets = [];
+window.WebSocket = class extends WebSocket {
+  constructor(...about) { super(...about); window.sockets.push(this); }
+};
+"""
+"""Lets a test end a connection of the page, or say something over it that the page would not say."""
+
+
+def catch_sockets(browser: Chromium) -> None:
+    browser.call("Page.addScriptToEvaluateOnNewDocument", source=CATCH_SOCKETS)
+
+
+def connect_again(browser: Chromium) -> None:
+    """End the connection, and wait until the page was greeted and told the status anew."""
+    browser.evaluate("sockets.at(-1).close()")
+    browser.until("!('going_on' in teleop.status)")
+    browser.until("'going_on' in teleop.status")
+
+
+def problem_of(browser: Chromium) -> str:
+    return browser.evaluate("document.querySelector('#problem:not([hidden])')?.innerText ?? ''")
 
 
 @pytest.mark.timeout(1500)
@@ -72,6 +117,204 @@ def test_a_killed_server_loses_nothing_of_the_episode_in_hand_and_offers_it(tmp_
         browser.until("teleop.status.going_on && teleop.status.step > 0")
         assert shown(browser, "step") >= steps
         browser.until("document.querySelector('#sentence').textContent.includes('interrupted')")
+
+
+REMOVAL = "#draft-list li:nth-child({}) button:last-of-type"
+
+
+@pytest.fixture
+def interrupted(tmp_path) -> Path:
+    """The folder of three interrupted episodes, which can only be removed."""
+    folder = tmp_path / "teleoperation" / "one_leg" / "drafts"
+    folder.mkdir(parents=True)
+    for age_s in range(3):
+        path = folder / f"of_{age_s}_s_ago.draft"
+        path.write_text("nonsense")
+        os.utime(path, (time.time() - age_s,) * 2)
+    return folder
+
+
+def open_interrupted(browser: Chromium, server: Server) -> None:
+    browser.open(server.teleop)
+    browser.until("document.querySelectorAll('#draft-list li').length === 3")
+
+
+def text_of(browser: Chromium, selector: str) -> str:
+    return browser.evaluate(f"document.querySelector({json.dumps(selector)}).innerText")
+
+
+def test_a_double_click_removes_no_interrupted_episode_and_a_further_click_only_that_one(
+    tmp_path, browser, interrupted
+):
+    with serving(tmp_path) as server:
+        open_interrupted(browser, server)
+        x, y = place_of(browser, REMOVAL.format(1))
+        press_mouse_at(browser, x, y)
+        time.sleep(0.2)
+        press_mouse_at(browser, x, y, 2)
+        time.sleep(1)
+        assert len(list(interrupted.iterdir())) == 3
+        assert text_of(browser, REMOVAL.format(1)) == "Really remove it"
+        assert text_of(browser, REMOVAL.format(2)) == "Remove it"
+        press_mouse_at(browser, x, y)
+        browser.until("document.querySelectorAll('#draft-list li').length === 2")
+        press_mouse_at(browser, x, y, 2)
+        time.sleep(1)
+        assert sorted(path.name for path in interrupted.iterdir()) == ["of_1_s_ago.draft", "of_2_s_ago.draft"]
+
+
+def test_the_question_whether_to_remove_an_interrupted_episode_goes_away_with_the_focus_or_by_itself(
+    tmp_path, browser, interrupted
+):
+    with serving(tmp_path) as server:
+        open_interrupted(browser, server)
+        press_mouse(browser, REMOVAL.format(1))
+        assert text_of(browser, REMOVAL.format(1)) == "Really remove it"
+        browser.press("Tab")
+        assert text_of(browser, REMOVAL.format(1)) == "Remove it"
+        press_mouse(browser, REMOVAL.format(2))
+        browser.until(f"document.querySelector('{REMOVAL.format(2)}').innerText === 'Remove it'", 20)
+        assert len(list(interrupted.iterdir())) == 3
+
+
+def test_who_removes_interrupted_episodes_with_the_keyboard_keeps_their_place(tmp_path, browser, interrupted):
+    with serving(tmp_path) as server:
+        open_interrupted(browser, server)
+        browser.evaluate(
+            "window.rows = [...document.querySelectorAll('#draft-list li')];"
+            f"document.querySelector('{REMOVAL.format(1)}').focus()"
+        )
+        for left in (2, 1):
+            browser.press("Enter")
+            time.sleep(0.6)
+            assert len(list(interrupted.iterdir())) == left + 1
+            browser.press("Enter")
+            assert browser.evaluate("document.activeElement !== document.body")
+            browser.until(f"document.querySelectorAll('#draft-list li').length === {left}")
+            assert browser.evaluate(f"document.activeElement === document.querySelector('{REMOVAL.format(1)}')")
+            assert browser.evaluate(
+                "[...document.querySelectorAll('#draft-list li')].every((row) => rows.includes(row))"
+            )
+        browser.press("Enter")
+        time.sleep(0.6)
+        browser.press("Enter")
+        browser.until("document.querySelector('#drafts').hidden")
+        assert browser.evaluate("document.activeElement.id") == "setup-title"
+
+
+def test_an_interrupted_episode_that_somebody_else_has_removed_can_be_pressed_again(tmp_path, browser, interrupted):
+    with serving(tmp_path) as server:
+        open_interrupted(browser, server)
+        press_mouse(browser, REMOVAL.format(1))
+        time.sleep(0.6)
+        (interrupted / "of_0_s_ago.draft").unlink()
+        press_mouse(browser, REMOVAL.format(1))
+        browser.until("document.querySelector('#problem').innerText.includes('no longer there')")
+        assert not browser.evaluate(f"document.querySelector('{REMOVAL.format(1)}').disabled")
+
+
+CHOSEN = {"operator": "Ben", "target": "7", "task": "lamp", "randomness": "med", "keys": "isaaclab"}
+
+
+def chosen(browser: Chromium) -> dict[str, str]:
+    return json.loads(
+        browser.evaluate(
+            f"JSON.stringify(Object.fromEntries({list(CHOSEN)}.map((name) =>"
+            " [name, document.querySelector('#begin').elements[name].value])))"
+        )
+    )
+
+
+def choose(browser: Chromium, **values: str) -> None:
+    for name, value in values.items():
+        browser.evaluate(f"document.querySelector('#begin').elements.{name}.value = '{value}'")
+
+
+def test_what_was_chosen_stays_chosen_when_the_page_connects_again(tmp_path, browser):
+    own = tmp_path / "teleoperation" / "mine.toml"
+    own.parent.mkdir()
+    own.write_text('base = "isaaclab"\n')
+    catch_sockets(browser)
+    with serving(tmp_path) as server:
+        browser.open(server.teleop)
+        browser.until("'going_on' in teleop.status")
+        browser.evaluate(
+            "localStorage.setItem('teleop.operator', 'Anna'); localStorage.setItem('teleop.task', 'round_table')"
+        )
+        browser.open(server.teleop)
+        browser.until("'going_on' in teleop.status")
+        assert (chosen(browser)["operator"], chosen(browser)["task"]) == ("Anna", "round_table")
+        choose(browser, **CHOSEN)
+        browser.evaluate("document.querySelector('#take-over').operator.value = 'Cleo'")
+        connect_again(browser)
+        assert chosen(browser) == CHOSEN
+        assert browser.evaluate("document.querySelector('#take-over').operator.value") == "Cleo"
+        choose(browser, keys="mine.toml")
+        connect_again(browser)
+        assert chosen(browser) == CHOSEN | {"keys": "mine.toml"}
+        own.unlink()
+        connect_again(browser)
+        assert chosen(browser) == CHOSEN | {"keys": "original"}, "what is no longer offered cannot be chosen"
+
+
+def refuse(browser: Chromium) -> None:
+    """Say what the server refuses, over the page's connection."""
+    browser.evaluate("sockets.at(-1).send(JSON.stringify({kind: 'begin', task: 'rocket'}))")
+    browser.until("document.querySelector('#problem').innerText.includes(\"no task 'rocket'\")")
+
+
+def drive_on(browser: Chromium) -> None:
+    steps = shown(browser, "acted")
+    browser.until(f"teleop.status.acted > {steps + 5}")
+
+
+def test_what_is_wrong_is_said_until_it_is_over_whatever_else_is_told_meanwhile(tmp_path, browser):
+    own = tmp_path / "teleoperation" / "mine.toml"
+    own.parent.mkdir()
+    own.write_text('base = "nonsense"\n')
+    catch_sockets(browser)
+    with serving(tmp_path) as server:
+        begin(browser, server.teleop)
+        browser.key_down("KeyA")
+        drive_on(browser)
+        assert "mine.toml" in problem_of(browser)
+        refuse(browser)
+        drive_on(browser)
+        assert "mine.toml" in problem_of(browser)
+        assert "There is no task 'rocket'" in problem_of(browser)
+        browser.key_up("KeyA")
+        browser.evaluate(
+            "document.querySelector('#undo-s').value = '30';"
+            "document.querySelector('#undo-s').dispatchEvent(new Event('change'))"
+        )
+        browser.until("!document.querySelector('#problem').innerText.includes('rocket')")
+        refuse(browser)
+        browser.press("Space")
+        browser.until("!document.querySelector('#problem').innerText.includes('rocket')")
+        assert "mine.toml" in problem_of(browser)
+        browser.evaluate("sockets.at(-1).close()")
+        browser.until("document.querySelector('#problem').innerText.includes('connects again by itself')")
+        browser.until("teleop.status.going_on")
+        assert "connects again" not in problem_of(browser)
+        assert "mine.toml" in problem_of(browser)
+        own.unlink()
+        connect_again(browser)
+        assert problem_of(browser) == ""
+
+
+def test_a_refusal_is_gone_once_something_is_begun_or_ended(tmp_path, browser):
+    catch_sockets(browser)
+    with serving(tmp_path) as server:
+        browser.open(server.teleop)
+        browser.until("document.querySelector('select[name=task]')?.options.length && 'going_on' in teleop.status")
+        refuse(browser)
+        browser.evaluate("document.querySelector('#begin button').click()")
+        browser.until("teleop.status.going_on && teleop.figures.framesPerSecond > 0")
+        assert problem_of(browser) == ""
+        refuse(browser)
+        browser.evaluate("document.querySelector('#end').click()")
+        browser.until("!teleop.status.going_on")
+        assert problem_of(browser) == ""
 
 
 @pytest.mark.timeout(1500)
@@ -202,12 +445,7 @@ def test_space_presses_what_the_keyboard_has_chosen_and_drives_after_a_click(tmp
         browser.evaluate("document.querySelector('#sound').focus()")
         browser.press("Space")
         assert browser.evaluate("document.querySelector('#sound').checked")
-        x, y = browser.evaluate(
-            "(() => { const button = document.querySelector('#actions button'); button.scrollIntoView();"
-            " const {x, y} = button.getBoundingClientRect(); return [x + 5, y + 5]; })()"
-        )
-        for kind in ("mousePressed", "mouseReleased"):
-            browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+        press_mouse(browser, "#actions button")
         browser.until("document.activeElement === document.body")
         assert not shown(browser, "gripper_closes")
         browser.press("Space")
@@ -348,6 +586,7 @@ def test_a_spacemouse_drives_and_the_arm_stands_once_it_is_unplugged(tmp_path, b
         reports.unlink()
         browser.until("!teleop.status.spacemouse")
         assert "the SpaceMouse was unplugged; plug it in and choose it again" in str(shown(browser, "problem"))
+        assert "The SpaceMouse was unplugged" in problem_of(browser)
         browser.until("teleop.status.phase === 'paused' || teleop.status.phase === 'idle'")
         acted = shown(browser, "acted")
         time.sleep(1)

@@ -62,7 +62,7 @@ export class Input extends EventTarget {
   /** A press of a button on the page. */
   press(action) {
     this.#edges[action] = (this.#edges[action] ?? 0) + 1;
-    this.#tell();
+    this.#tell(null, action);
   }
 
   /** Hands off: nothing is held, and nothing more is sent until something is done again. */
@@ -97,14 +97,14 @@ export class Input extends EventTarget {
     this.#tell();
   }
 
-  #tell(pressed = null) {
+  #tell(pressed = null, action = null) {
     if (!this.#drives()) return;
     this.isActive = true;
     const pad = this.#pad();
     const held = [...this.#keys, ...pad.held];
     this.#sequence += 1;
     this.#send({ source: this.#source, sequence: this.#sequence, held, edges: this.#edges, axes: pad.axes });
-    this.dispatchEvent(new CustomEvent("change", { detail: { sequence: this.#sequence, pressed } }));
+    this.dispatchEvent(new CustomEvent("change", { detail: { sequence: this.#sequence, pressed, action } }));
   }
 
   #beat() {

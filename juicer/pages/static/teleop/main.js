@@ -1,6 +1,9 @@
 // The page of teleoperation: ties the connection, the operator's hands and the screen together.
 
+import { button } from "./buttons.js";
+import { Drafts } from "./drafts.js";
 import { Input } from "./input.js";
+import { Notices } from "./notices.js";
 import { Screen } from "./screen.js";
 import { Connection } from "./socket.js";
 import { keyName, play } from "./words.js";
@@ -10,6 +13,18 @@ const status = {};
 const phases = {
   recording: "Recording", idle: "Idle", paused: "Paused", over: "Ended", watching: "Watching",
 };
+// By the kind of an order, how a status shows that the server obeyed it. Of the others, the refusal of something else is
+// no news any more as soon as they are given.
+const signs = {
+  forget: (news) => news.drafts,
+  pace: (news) => news.time_scale || news.undo_s,
+  "take over": (news) => news.drives,
+};
+const notices = new Notices(element("problem"), ["connection", "refusal", "status", "greeting"]);
+const drafts = new Drafts(element("draft-list"), { resume, forget });
+// What the user did last, since the last refusal: a kind of order, or the number of the message that told of a key.
+let done = null;
+let isGreeted = false;
 let screen = null;
 let motions = new Set();
 // Whether this page has begun something: a page of a rollout must not show another episode as if it were that rollout.
@@ -21,13 +36,17 @@ const input = new Input((message) => connection.send(message), () => Boolean(isS
 connection.addEventListener("open", () => {
   input.restart();
   screen?.restart();
+  notices.say("connection");
+  drafts.free();
   if (element("show-numbers").checked) connection.send({ kind: "numbers" });
   input.isActive = document.hasFocus();
 });
 connection.addEventListener("closed", ({ detail }) => {
   Object.keys(status).forEach((name) => delete status[name]);
+  done = null;
   say("connection", "Not connected");
-  trouble(detail || "The connection to the server is gone; this page connects again by itself");
+  notices.say("status");
+  notices.say("connection", detail || "The connection to the server is gone; this page connects again by itself");
 });
 connection.addEventListener("frame", async ({ detail: frame }) => {
   try {
@@ -37,15 +56,18 @@ connection.addEventListener("frame", async ({ detail: frame }) => {
     connection.send({ kind: "painted", number: frame.number });
   }
   document.documentElement.dataset.heard = frame.heard;
+  if (Number.isInteger(done) && frame.heard >= done) obeyed();
 });
 connection.addEventListener("message", ({ detail: { kind, ...content } }) => {
   if (kind === "greeting") greet(content);
-  else if (kind === "refused") trouble(content.sentence);
+  else if (kind === "refused") refused(content.sentence);
   else show(content);
 });
 
 input.addEventListener("change", ({ detail }) => {
   if (detail?.pressed) screen?.sent(detail.sequence, motions.has(detail.pressed));
+  // Who drives on has done nothing new.
+  if (detail?.action || (detail?.pressed && !motions.has(detail.pressed))) done = detail.sequence;
   for (const key of document.querySelectorAll("kbd[data-code]")) {
     key.classList.toggle("down", input.held.has(key.dataset.code));
   }
@@ -55,7 +77,7 @@ input.addEventListener("help", () => {
 });
 
 function greet(content) {
-  trouble(content.problems.join("; "));
+  notices.say("greeting", content.problems.join("; "));
   say("own-keys", content.folder);
   const form = element("begin");
   // A rollout that is finished by hand has its task and randomness.
@@ -64,22 +86,52 @@ function greet(content) {
     options(form.randomness, content.randomness);
   }
   options(form.keys, content.key_maps);
+  // Later, the form holds what was chosen since.
+  if (!isGreeted) remember(form);
+  isGreeted = true;
+  screen = new Screen(element("panes"), content.panes);
+}
+
+function remember(form) {
   for (const field of rememberedFields(form)) {
     const remembered = localStorage.getItem(`teleop.${field.name}`);
-    if (remembered !== null && (field.tagName === "INPUT" || [...field.options].some((each) => each.value === remembered))) {
-      field.value = remembered;
-    }
+    if (remembered !== null && (field.tagName === "INPUT" || offers(field, remembered))) field.value = remembered;
   }
   element("take-over").operator.value = form.operator.value;
-  screen = new Screen(element("panes"), content.panes);
 }
 
 function rememberedFields(form) {
   return [...form.elements].filter(({ name, type }) => name && type !== "hidden" && type !== "checkbox");
 }
 
+/** Offers these values; what is chosen stays chosen if it is among them. */
 function options(select, values) {
+  const chosen = select.value;
   select.replaceChildren(...values.map((value) => new Option(value, value)));
+  if (offers(select, chosen)) select.value = chosen;
+}
+
+function offers(select, value) {
+  return [...select.options].some((each) => each.value === value);
+}
+
+/** Has the server do something. */
+function order(message) {
+  if (!signs[message.kind]) obeyed();
+  done = message.kind;
+  connection.send(message);
+}
+
+function refused(sentence) {
+  done = null;
+  drafts.free();
+  notices.say("refusal", sentence);
+}
+
+/** The user went on to something else, so that what was refused before is over. */
+function obeyed() {
+  done = null;
+  notices.say("refusal");
 }
 
 /** Whether what goes on is what this page is for. */
@@ -102,6 +154,8 @@ function show(news) {
   }
   if (news.key_list) showKeys(status.key_list);
   if (news.drafts) showDrafts(status.drafts);
+  if (signs[done]?.(news)) obeyed();
+  notices.say("status", shown ? status.problem : "");
   if (!shown) return;
   const phase = status.drives ? status.phase : "watching";
   element("state").dataset.phase = phase;
@@ -121,7 +175,6 @@ function show(news) {
   if (news.time_scale) element("time-scale").value = status.time_scale;
   if (news.undo_s) element("undo-s").value = status.undo_s;
   if (news.numbers) say("number-list", numbers(status.numbers));
-  trouble(status.problem);
   announce(before, phase);
 }
 
@@ -147,42 +200,22 @@ function showKept(kept) {
   );
 }
 
-function showDrafts(drafts) {
-  element("drafts").hidden = !drafts.length;
-  element("draft-list").replaceChildren(
-    ...drafts.map((left) => {
-      const item = document.createElement("li");
-      const about = document.createElement("span");
-      about.textContent = left.problem ? `${left.problem[0].toUpperCase()}${left.problem.slice(1)}.` : interrupted(left);
-      if (left.problem) about.className = "bad";
-      item.append(about, ...(left.problem ? [] : [button("Go on with it", () => resume(left))]));
-      item.append(button("Remove it", () => connection.send({ kind: "forget", task: left.task, draft: left.draft })));
-      return item;
-    }),
-  );
-}
-
-function interrupted({ task, operator, began, seconds, parent_step: from }) {
-  const when = began.slice(0, 16).replace("T", " ");
-  const correction = from === null ? "" : `, finishing a rollout from step ${from} on`;
-  return `${task}${correction}${operator ? `, ${operator}` : ""}, begun ${when}: ${seconds.toFixed(1)} s recorded`;
+function showDrafts(left) {
+  element("drafts").hidden = !left.length;
+  if (!drafts.show(left)) element("setup-title").focus();
 }
 
 function resume({ task, draft }) {
   const { target, spacemouse, operator, keys } = element("begin").elements;
   hasBegun = true;
-  connection.send({
+  order({
     kind: "resume", task, draft, target: Number(target.value), spacemouse: spacemouse.checked,
     operator: operator.value, keys: keys.value,
   });
 }
 
-function button(text, action) {
-  const made = document.createElement("button");
-  made.type = "button";
-  made.textContent = text;
-  made.addEventListener("click", action);
-  return made;
+function forget({ task, draft }) {
+  order({ kind: "forget", task, draft });
 }
 
 function showKeys(keys) {
@@ -244,11 +277,6 @@ function say(id, text) {
   if (place.textContent !== String(text)) place.textContent = text;
 }
 
-function trouble(sentence) {
-  element("problem").hidden = !sentence;
-  say("problem", sentence ? `${sentence[0].toUpperCase()}${sentence.slice(1)}.` : "");
-}
-
 element("begin").addEventListener("submit", (event) => {
   event.preventDefault();
   for (const { name, value } of rememberedFields(event.target)) localStorage.setItem(`teleop.${name}`, value);
@@ -256,21 +284,21 @@ element("begin").addEventListener("submit", (event) => {
   const rollout = choice.artifact ? { kind: "correct", episode: Number(episode), step: Number(step) } : { kind: "begin" };
   element("take-over").operator.value = choice.operator;
   hasBegun = !status.going_on || status.drives;
-  connection.send({ kind: "end" });
-  connection.send({ ...choice, ...rollout, target: Number(target), spacemouse: event.target.spacemouse.checked });
+  order({ kind: "end" });
+  order({ ...choice, ...rollout, target: Number(target), spacemouse: event.target.spacemouse.checked });
   document.activeElement?.blur();
   input.isActive = true;
 });
 element("take-over").addEventListener("submit", (event) => {
   event.preventDefault();
-  connection.send({ kind: "take over", operator: event.target.operator.value });
+  order({ kind: "take over", operator: event.target.operator.value });
   document.activeElement?.blur();
   input.isActive = true;
 });
-element("end").addEventListener("click", () => connection.send({ kind: "end" }));
+element("end").addEventListener("click", () => order({ kind: "end" }));
 for (const id of ["time-scale", "undo-s"]) {
   element(id).addEventListener("change", ({ target }) => {
-    connection.send({
+    order({
       kind: "pace", time_scale: Number(element("time-scale").value), undo_s: Number(element("undo-s").value),
     });
     // Else the next keys would choose in the list instead of driving.
