@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 PARAMETER = "token"
 UNAUTHORIZED = 401
+MAX_AGE_SECONDS = 365 * 24 * 3600
 _POLICY_VIOLATION = 1008
 _SENTENCE = (
     "This page is not shown to everybody: open it once by the address, with its token, that `juicer pages` printed."
@@ -59,7 +60,8 @@ class Access:
         # A path with two slashes in front would be read as the name of another server.
         path = "/" + scope["path"].lstrip("/\\")
         answer = RedirectResponse(f"{path}?{rest}" if rest else path, 303)
-        answer.set_cookie(self._cookie, self._token.decode(), httponly=True, samesite="strict")
+        # Lax: a link in a message opens its page. What a foreign page loads or posts is refused whatever cookie it has.
+        answer.set_cookie(self._cookie, self._token.decode(), max_age=MAX_AGE_SECONDS, httponly=True, samesite="lax")
         return answer
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
@@ -73,6 +74,7 @@ def create_application(workplace: Workplace) -> FastAPI:
     application.add_exception_handler(Exception, _defect)
     application.add_middleware(BodyLimit)
     application.add_middleware(_Policy)
+    application.add_middleware(_Head)
     return application
 
 
@@ -92,6 +94,23 @@ class _Policy:
         await self._app(scope, receive, sending)
 
 
+class _Head:
+    """ASGI application that answers HEAD as it does GET, without a body."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http" or scope["method"] != "HEAD":
+            await self._app(scope, receive, send)
+            return
+
+        async def sending(message: Message) -> None:
+            await send({**message, "body": b""} if message["type"] == "http.response.body" else message)
+
+        await self._app({**scope, "method": "GET"}, receive, sending)
+
+
 def _mistake(request: Request, error: Exception) -> Response:
     status = next((code for kind, code in _STATUS.items() if isinstance(error, kind)), _OTHERWISE)
     return _answer(request, str(error), status)
@@ -102,15 +121,30 @@ def _refusal(request: Request, error: Exception) -> Response:
     if error.status_code == 404 and error.detail == "Not Found":
         return _answer(request, f"there is no page '{printable(request.url.path)}'", 404)
     if error.status_code == 405:
-        return _answer(request, f"'{printable(request.url.path)}' does not answer to {printable(request.method)}", 405)
-    return _answer(request, str(error.detail), error.status_code)
+        sentence = f"'{printable(request.url.path)}' does not answer to {printable(request.method)}"
+        return _answer(request, sentence, 405, {"Allow": _allowed(error)})
+    return _answer(request, str(error.detail), error.status_code, error.headers)
+
+
+def _allowed(error: HTTPException) -> str:
+    """What an address answers to instead; static files do not say it."""
+    methods = set((error.headers or {}).get("Allow", "GET").split(", "))
+    return ", ".join(sorted(methods | {"HEAD"} if "GET" in methods else methods))
 
 
 def _invalid(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     first = error.errors()[0]
-    name = ".".join(map(str, first["loc"][1:])) or "the request"
-    return _answer(request, f"'{printable(name)}' is not valid: {printable(first['msg'])}", 400)
+    return _answer(request, _complaint(first), 400)
+
+
+def _complaint(error: Mapping[str, Any]) -> str:
+    if error["type"] == "json_invalid":
+        why, place = str(error["ctx"]["error"]), error["loc"][-1]
+        return f"the body is not JSON: {printable(why[:1].lower() + why[1:])}, at letter {place + 1}"
+    name = ".".join(map(str, error["loc"][1:]))
+    subject = f"'{printable(name)}'" if name else "the request"
+    return f"{subject} is not valid: {printable(error['msg'].removeprefix('Value error, '))}"
 
 
 def _defect(request: Request, error: Exception) -> Response:
@@ -120,8 +154,12 @@ def _defect(request: Request, error: Exception) -> Response:
     return answer
 
 
-def _answer(request: Request, sentence: str, status: int) -> Response:
+def _answer(request: Request, sentence: str, status: int, headers: Mapping[str, str] | None = None) -> Response:
     """The sentence as a page for people, and as JSON for scripts."""
+    answer: Response
     if "text/html" in request.headers.get("accept", ""):
-        return page(request, "sentence.html", status, sentence=sentence)
-    return JSONResponse({"error": printable(sentence, 10_000)}, status)
+        answer = page(request, "sentence.html", status, sentence=sentence)
+    else:
+        answer = JSONResponse({"error": printable(sentence, 10_000)}, status)
+    answer.headers.update(headers or {})
+    return answer

@@ -27,7 +27,7 @@ class Part:
         lines: The lines.
         total: How many the list has.
         first: Which one is the first of these.
-        previous: Address of those before; empty if there are none.
+        previous: Address of those before, or behind the end of the list, of the last ones; empty if there are none.
         following: Address of those after.
     """
 
@@ -45,10 +45,11 @@ def part_of(request: Request, lines: Sequence[ItemT], first: int) -> Part:
         return f"{request.url.path}?{urlencode({**request.query_params, 'first': start})}"
 
     end = first + LINES
+    before = min(first - LINES, (len(lines) - 1) // LINES * LINES)
     return Part(
         lines[first:end],
         len(lines),
         first,
-        previous=address(max(0, first - LINES)) if first else "",
+        previous=address(max(0, before)) if first and lines else "",
         following=address(end) if end < len(lines) else "",
     )

@@ -2,17 +2,34 @@
 
 from __future__ import annotations
 
+import re
+from typing import Annotated
+
 import pytest
+from pydantic import AfterValidator, BaseModel
 from starlette.testclient import TestClient
 
 from juicer.artifacts.store import ArtifactStore
-from juicer.pages.access import Access
+from juicer.errors import ConfigError
+from juicer.pages.access import MAX_AGE_SECONDS, Access
+from juicer.pages.annotating.sheets import draw_sheet
 from juicer.pages.application import create_application
 from juicer.pages.limits import MOST_BODY_BYTES
+from juicer.pages.rendering import TEMPLATES
 from juicer.pages.workplace import Workplace
 
 HTML = {"accept": "text/html"}
 TOKEN = "f" * 32
+
+
+def _is_no_name(name: str) -> str:
+    raise ValueError(f"'{name}' is no name")
+
+
+class Named(BaseModel):
+    """A body of which no name is right."""
+
+    name: Annotated[str, AfterValidator(_is_no_name)]
 
 
 @pytest.fixture
@@ -22,6 +39,10 @@ def application(tmp_path):
     @application.post("/length")
     async def length(request: dict[str, str]):
         return len(request)
+
+    @application.post("/named")
+    async def named(request: Named):
+        return request.name
 
     return application
 
@@ -51,7 +72,8 @@ def test_token_leaves_the_address_and_is_remembered(stranger):
     answer = stranger.get("/", params={"kind": "episodes", "token": TOKEN}, follow_redirects=False)
     assert (answer.status_code, answer.headers["location"]) == (303, "/?kind=episodes")
     assert "httponly" in answer.headers["set-cookie"].lower()
-    assert "samesite=strict" in answer.headers["set-cookie"].lower()
+    assert "samesite=lax" in answer.headers["set-cookie"].lower()
+    assert f"max-age={MAX_AGE_SECONDS}" in answer.headers["set-cookie"].lower()
     assert stranger.get("/").status_code == 200
 
 
@@ -93,6 +115,52 @@ def test_unknown_address_is_a_page_with_a_sentence(client, path):
 
 def test_what_an_address_does_not_do_is_said(client):
     assert client.delete("/").json()["error"] == "'/' does not answer to DELETE"
+
+
+@pytest.mark.parametrize("accept", [{}, HTML])
+@pytest.mark.parametrize(("path", "allowed"), [("/", "GET, HEAD"), ("/static/pages.css", "GET, HEAD")])
+def test_what_an_address_answers_to_instead_is_told(client, path, allowed, accept):
+    answer = client.delete(path, headers=accept)
+    assert (answer.status_code, answer.headers["allow"]) == (405, allowed)
+    assert client.get("/length").headers["allow"] == "POST"
+
+
+@pytest.mark.parametrize("path", ["/", "/episodes", "/annotate", "/teleop", "/static/pages.css", "/nowhere"])
+def test_head_is_answered_like_get_without_a_body(client, path):
+    answer, whole = client.head(path, headers=HTML), client.get(path, headers=HTML)
+    assert (answer.status_code, answer.content) == (whole.status_code, b"")
+    assert answer.headers["content-length"] == str(len(whole.content))
+    assert answer.headers["content-type"] == whole.headers["content-type"]
+
+
+def test_head_of_what_only_takes_something_is_refused(client):
+    answer = client.head("/length")
+    assert (answer.status_code, answer.headers["allow"], answer.content) == (405, "POST", b"")
+
+
+def test_body_that_is_no_json_is_said_to_be_none(client):
+    answer = client.post("/length", content="{", headers={"content-type": "application/json"})
+    assert answer.status_code == 400
+    assert answer.json()["error"].startswith("the body is not JSON: expecting property name")
+
+
+def test_mistake_in_a_body_is_told_in_our_words_only(client):
+    answer = client.post("/named", json={"name": "x"})
+    assert (answer.status_code, answer.json()["error"]) == (400, "'name' is not valid: 'x' is no name")
+    assert client.post("/named", json=1).json()["error"].startswith("the request is not valid: ")
+
+
+def test_titles_of_pages_end_alike():
+    pages = [path for path in TEMPLATES.rglob("*.html") if path.name not in ("base.html", "parts.html")]
+    titles = [re.findall(r"block title %}(.*?){% endblock", path.read_text()) for path in pages]
+    assert len(titles) > 5
+    assert [each for each in titles if len(each) != 1 or not each[0].endswith(" · juicer")] == []
+
+
+@pytest.mark.parametrize("views", [["front"] * 300, ["front", "wrist", "front"], []])
+def test_sheet_for_annotators_shows_a_view_once(episode_factory, views):
+    with pytest.raises(ConfigError, match="each once at most"):
+        draw_sheet(episode_factory(), 0, 1, views)
 
 
 def test_foreign_text_in_an_address_is_escaped(client):

@@ -52,19 +52,38 @@ class Desk:
         self._env_lock = threading.Lock()
         self.read = lru_cache(_MOST_EPISODES)(self._read)
         self.signals = lru_cache(_MOST_EPISODES)(self._signals)
-        thread = ThreadPoolExecutor(1, "proposals")
-        self._proposals: Future[Proposals] = thread.submit(propose, self._progress)
-        thread.shutdown(wait=False)
+        self._propose = propose
+        self._search_lock = threading.Lock()
+        self._search = self._begin_search()
 
     @property
     def names(self) -> tuple[str, ...]:
         """What happens at each critical state."""
         return self.task.critical_state_names
 
-    @property
-    def proposals(self) -> Proposals | None:
-        """Proposals by episode and critical state; None while they are looked for."""
-        return self._proposals.result() if self._proposals.done() else None
+    def proposals(self, patience_s: float = 0.0) -> Proposals | None:
+        """Proposals by episode and critical state; None while they are looked for.
+
+        Args:
+            patience_s: How long to wait for them.
+
+        Raises:
+            ArtifactError: If what was proposed before is damaged. The next call looks again: it may be repaired.
+        """
+        with self._search_lock:
+            search = self._search
+            if search.done() and search.exception():
+                self._search = self._begin_search()
+        try:
+            return search.result(patience_s)
+        except TimeoutError:
+            return None
+
+    def _begin_search(self) -> Future[Proposals]:
+        thread = ThreadPoolExecutor(1, "proposals")
+        search = thread.submit(self._propose, self._progress)
+        thread.shutdown(wait=False)
+        return search
 
     def sheet(self, episode_id: str, first: int, count: int, views: Iterable[str]) -> bytes:
         """JPEG of some steps; see :func:`draw_sheet`."""
@@ -72,7 +91,7 @@ class Desk:
 
     def work(self) -> list[dict[str, Any]]:
         """Every demonstration with what is proposed and said of it, those first that are most in doubt."""
-        proposals = self.proposals or {}
+        proposals = self.proposals() or {}
         stands = standing(read_versions(self.path))
         episodes = [
             {

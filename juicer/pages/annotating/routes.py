@@ -60,7 +60,7 @@ def annotate(request: Request, workplace: TheWorkplace, name: str) -> Response:
 def work(workplace: TheWorkplace, name: str) -> dict[str, Any]:
     """What is to be judged, as far as it is known, and what judging took so far."""
     _, desk = desk_of(workplace, name)
-    ready = desk.proposals is not None
+    ready = desk.proposals() is not None
     return {
         "ready": ready,
         "proposed": desk.proposed,
@@ -138,5 +138,5 @@ def _measures(desk: Desk) -> dict[str, Any]:
 
 
 def _stands(desk: Desk, keys: list[Key]) -> list[dict[str, Any]]:
-    stands, proposals = standing(read_versions(desk.path)), desk.proposals or {}
+    stands, proposals = standing(read_versions(desk.path)), desk.proposals() or {}
     return [{"episode": key[0], **desk.mark(key, stands, proposals)} for key in keys]

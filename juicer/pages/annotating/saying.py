@@ -9,10 +9,14 @@ from pydantic import Field
 from juicer import __version__
 from juicer.annotation.versions import PAGE, Author, Entry, Version, read_versions, save
 from juicer.config import StrictConfig
+from juicer.errors import NothingLeft
 from juicer.pages.annotating.desk import Desk
+from juicer.pages.annotating.proposals import Proposals
 
 TOOL = f"juicer {__version__}, {PAGE}"
 MOST_MARKS = 2000
+PATIENCE_SECONDS = 20.0
+"""How long a mark waits for proposals: they are looked for again by a server that was started meanwhile."""
 
 
 class Judged(StrictConfig):
@@ -60,9 +64,12 @@ def say(desk: Desk, said: Marks) -> list[Version]:
         AnnotationsNotSaved: If the disk refuses.
         InvalidLabels: If the file of versions cannot be understood.
         ArtifactError: If there is no such demonstration.
-        NothingLeft: If it has no such step or critical state.
+        NothingLeft: If it has no such step or critical state, or it is not known yet what is proposed there.
     """
-    return save(desk.path, [_entry(desk, said.author, mark) for mark in said.marks])
+    proposals = desk.proposals(PATIENCE_SECONDS)
+    if proposals is None:
+        raise NothingLeft("the demonstrations are still being searched for critical states; try again in a minute")
+    return save(desk.path, [_entry(desk, said.author, mark, proposals) for mark in said.marks])
 
 
 def take_back(desk: Desk, undo: Undo) -> list[Version]:
@@ -92,9 +99,9 @@ def take_back(desk: Desk, undo: Undo) -> list[Version]:
     )
 
 
-def _entry(desk: Desk, author: str, mark: Mark) -> Entry:
+def _entry(desk: Desk, author: str, mark: Mark, proposals: Proposals) -> Entry:
     desk.check_critical_state(mark.critical_state)
-    proposal = (desk.proposals or {}).get((mark.episode, mark.critical_state))
+    proposal = proposals.get((mark.episode, mark.critical_state))
     return Entry(
         **mark.model_dump(exclude={"step", "seconds"}),
         step=desk.recorded_step(mark.episode, mark.step),

@@ -29,7 +29,7 @@ def draw_sheet(episode: Episode, first: int, count: int, views: Sequence[str]) -
         episode: What is drawn.
         first: First step.
         count: How many there are, as far as the episode goes.
-        views: Names of views, from top to bottom.
+        views: Names of views, from top to bottom, each once at most.
 
     Raises:
         ConfigError: If there is no such step or view.
@@ -37,8 +37,9 @@ def draw_sheet(episode: Episode, first: int, count: int, views: Sequence[str]) -
     """
     if not 0 <= first < len(episode):
         raise ConfigError(f"the demonstration has the steps 0 to {len(episode) - 1}, and not {first}")
-    if not 0 < count <= STEPS or not views or not set(views) <= VIEWS.keys():
-        raise ConfigError(f"a sheet shows 1 to {STEPS} steps in the views {', '.join(VIEWS)}")
+    chosen = set(views)
+    if not 0 < count <= STEPS or not 0 < len(views) == len(chosen) or not chosen <= VIEWS.keys():
+        raise ConfigError(f"a sheet shows 1 to {STEPS} steps in the views {', '.join(VIEWS)}, each once at most")
     steps = range(first, min(first + count, len(episode)))
     columns = draw_steps(episode, steps, [VIEWS[name] for name in views])
     return encode_jpeg(np.concatenate([np.concatenate(column) for column in columns], axis=1))

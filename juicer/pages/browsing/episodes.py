@@ -64,7 +64,7 @@ class EpisodeList:
 
     Attributes:
         ref: The artifact.
-        task: The assembly task; empty if there is no episode.
+        task: The assembly task; empty if it is not known.
         milestones: Of the task, in order.
         lines: Every episode.
         has_states: Whether the recorded ones can be drawn.
@@ -75,6 +75,11 @@ class EpisodeList:
     milestones: tuple[str, ...]
     lines: tuple[Line, ...]
     has_states: bool
+
+    @property
+    def is_recorded(self) -> bool:
+        """Whether there is a recording of any of them."""
+        return any(line.place is not None for line in self.lines)
 
     @property
     def first_recorded(self) -> int:
@@ -119,7 +124,12 @@ def list_episodes(store: ArtifactStore, ref: ArtifactRef) -> EpisodeList:
     """
     if ref.kind not in KINDS_WITH_EPISODES:
         raise WrongArtifactKind(f"{ref} holds no episodes; artifacts of the kinds 'episodes' and 'evaluation' do")
-    return _listed(ref, store.open(ref))
+    folder = store.open(ref)
+    if ref.kind == "evaluation":
+        # An evaluation that was unpacked from the records of a study has its rows, but none of its examples.
+        tasks = tuple(store.manifest(ref).recipe.tasks)
+        return _evaluated(ref, folder, tasks[0] if len(tasks) == 1 else "", (folder / EXAMPLES).is_dir())
+    return _stored(ref, folder)
 
 
 def recorded_episode(store: ArtifactStore, ref: ArtifactRef, number: int) -> Episode:
@@ -148,39 +158,46 @@ def _recorded(folder: Path, place: int) -> Episode:
 
 
 @lru_cache(maxsize=8)
-def _listed(ref: ArtifactRef, folder: Path) -> EpisodeList:
-    reader = EpisodeReader(_recordings_folder(ref, folder))
-    if ref.kind == "evaluation":
-        places = {record.seed: place for place, record in enumerate(reader.records)}
-        lines = tuple(
-            Line(
-                number=row.episode,
-                seed=row.seed,
-                outcome=row.outcome,
-                length=row.length,
-                parts_assembled=row.parts_assembled,
-                milestones=row.milestones,
-                place=places.get(row.seed),
-            )
-            for row in read_evaluation(folder)
+def _stored(ref: ArtifactRef, folder: Path) -> EpisodeList:
+    reader = EpisodeReader(folder)
+    lines = tuple(
+        Line(
+            number=number,
+            seed=record.seed,
+            outcome=record.outcome,
+            length=int(reader.lengths[number]),
+            parts_assembled=record.parts_assembled,
+            milestones=record.milestones,
+            origin=", ".join(provenance(record)),
+            place=number,
+            is_correctable=_is_correctable(record),
         )
-    else:
-        lines = tuple(
-            Line(
-                number=number,
-                seed=record.seed,
-                outcome=record.outcome,
-                length=int(reader.lengths[number]),
-                parts_assembled=record.parts_assembled,
-                milestones=record.milestones,
-                origin=", ".join(provenance(record)),
-                place=number,
-                is_correctable=_is_correctable(record),
-            )
-            for number, record in enumerate(reader.records)
-        )
+        for number, record in enumerate(reader.records)
+    )
     task = reader.records[0].task if reader.records else ""
     return EpisodeList(ref, task, _milestones(task, lines), lines, STATE_KEY in reader.schema)
+
+
+@lru_cache(maxsize=8)
+def _evaluated(ref: ArtifactRef, folder: Path, task: str, has_examples: bool) -> EpisodeList:
+    reader = EpisodeReader(folder / EXAMPLES) if has_examples else None
+    records = reader.records if reader else ()
+    places = {record.seed: place for place, record in enumerate(records)}
+    lines = tuple(
+        Line(
+            number=row.episode,
+            seed=row.seed,
+            outcome=row.outcome,
+            length=row.length,
+            parts_assembled=row.parts_assembled,
+            milestones=row.milestones,
+            place=places.get(row.seed),
+        )
+        for row in read_evaluation(folder)
+    )
+    task = records[0].task if records else task
+    has_states = reader is not None and STATE_KEY in reader.schema
+    return EpisodeList(ref, task, _milestones(task, lines), lines, has_states)
 
 
 def _is_correctable(record: EpisodeRecord) -> bool:

@@ -18,9 +18,24 @@ let settling = 0, request = new AbortController();
 
 async function image(name, parameters, signal) {
   const query = new URLSearchParams({ artifact, episode, ...parameters });
-  const answer = await fetch(`/episodes/${name}.jpg?${query}`, { signal });
-  if (!answer.ok) throw new Error((await answer.json()).error);
-  return createImageBitmap(await answer.blob());
+  let answer, content;
+  try {
+    answer = await fetch(`/episodes/${name}.jpg?${query}`, { signal });
+    content = await answer.blob();
+  } catch (error) {
+    if (error.name === "AbortError") throw error;
+    throw new Error("the server does not answer; start `juicer pages` again and open the address that it prints");
+  }
+  if (!answer.ok) throw new Error(await refusal(answer.status, content));
+  return createImageBitmap(content);
+}
+
+async function refusal(status, content) {
+  try {
+    return JSON.parse(await content.text()).error ?? `the server answers ${status}`;
+  } catch {
+    return `the server answers ${status}; reload this page`;
+  }
 }
 
 function sheetOf(wanted) {
@@ -28,7 +43,12 @@ function sheetOf(wanted) {
   let sheet = sheets.get(first);
   if (!sheet) {
     sheet = { loading: image("sheet", { first, count: SHEET }), bitmap: null };
-    sheet.loading.then((bitmap) => { sheet.bitmap = bitmap; }, say);
+    sheet.loading.then((bitmap) => { sheet.bitmap = bitmap; }, (error) => {
+      // Whoever asks for it next may have more luck.
+      if (sheets.get(first) === sheet) sheets.delete(first);
+      stop();
+      say(error);
+    });
     if (sheets.size >= KEPT_SHEETS) sheets.delete(sheets.keys().next().value);
     sheets.set(first, sheet);
   }
@@ -37,8 +57,9 @@ function sheetOf(wanted) {
 
 function say(error) {
   if (error.name === "AbortError") return;
-  document.querySelector("#announcements").textContent = error.message;
-  where.textContent = error.message;
+  const sentence = `${error.message.charAt(0).toUpperCase()}${error.message.slice(1)}.`;
+  document.querySelector("#announcements").textContent = sentence;
+  where.textContent = sentence;
 }
 
 function drawSmall(bitmap, place) {
@@ -57,13 +78,18 @@ function show(wanted) {
   const sheet = sheetOf(step), asked = step;
   if (sheet.bitmap) drawSmall(sheet.bitmap, step % SHEET);
   else sheet.loading.then((bitmap) => { if (step === asked) drawSmall(bitmap, asked % SHEET); }, () => {});
-  for (const button of strip.children) {
-    const its = Number(button.dataset.step);
-    button.toggleAttribute("aria-current", its <= step && step < Number(button.dataset.next));
-  }
+  mark();
   request.abort();
   clearTimeout(settling);
   settling = setTimeout(settle, SETTLED_MS);
+}
+
+function mark() {
+  for (const button of strip.children) {
+    const isCurrent = Number(button.dataset.step) <= step && step < Number(button.dataset.next);
+    if (isCurrent) button.setAttribute("aria-current", "step");
+    else button.removeAttribute("aria-current");
+  }
 }
 
 async function settle() {
@@ -75,6 +101,7 @@ async function settle() {
     const bitmap = await image("still", { frame: asked }, request.signal);
     if (step === asked && !playing) pen.drawImage(bitmap, 0, 0);
     if (asked - (asked % SHEET) + SHEET <= length) sheetOf(asked - (asked % SHEET) + SHEET);
+    await overview();
   } catch (error) {
     say(error);
   }
@@ -83,7 +110,8 @@ async function settle() {
 let playing = false, began = 0, from = 0;
 
 function toggle() {
-  playing = !playing && (step < length || show(0) === undefined);
+  playing = !playing;
+  if (playing && step === length) show(0);
   play.textContent = playing ? "Pause" : "Play";
   play.setAttribute("aria-pressed", playing);
   if (!playing) return settle();
@@ -104,10 +132,13 @@ function advance(now) {
 }
 
 const strip = document.querySelector("#strip");
+let isFilling = false;
 
 async function overview() {
+  if (isFilling || strip.children.length) return;
   const stride = Math.max(1, Math.ceil((length + 1) / OVERVIEW));
-  const bitmap = await image("sheet", { first: 0, stride, count: OVERVIEW });
+  isFilling = true;
+  const bitmap = await image("sheet", { first: 0, stride, count: OVERVIEW }).finally(() => { isFilling = false; });
   for (let place = 0, its = 0; its <= length; place += 1, its += stride) {
     const button = document.createElement("button"), canvas = document.createElement("canvas");
     Object.assign(canvas, { width: WIDTH, height: FRONT + WRIST });
@@ -118,6 +149,7 @@ async function overview() {
     button.append(canvas);
     strip.append(button);
   }
+  mark();
 }
 
 function stop() {
@@ -152,4 +184,4 @@ addEventListener("keydown", (event) => {
 });
 
 show(step);
-overview().then(() => show(step), say);
+overview().catch(say);

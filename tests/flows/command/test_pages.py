@@ -37,7 +37,9 @@ def test_pages_are_served_announced_and_ended(tmp_path, environment):
             assert "token" not in str(answer.url)
         again = subprocess.run(COMMAND, env=environment, capture_output=True, text=True, check=False)
         assert again.returncode == 1
-        assert json.loads(again.stdout)["error"] == f"the pages are already served at {told['pages']}"
+        assert (
+            json.loads(again.stdout)["error"] == f"the pages are already served: {told['pages']}/?token={told['token']}"
+        )
         served.send_signal(signal.SIGINT)
         assert served.wait(60) == 0
         assert find_pages(tmp_path) == ""

@@ -279,6 +279,82 @@ def test_what_is_not_saved_is_offered_until_it_is_saved(fill, served, browser, v
     browser.until("document.querySelector('#unsaved').hidden")
 
 
+def rename(browser: Chromium, name: str) -> None:
+    browser.evaluate(
+        f"document.querySelector('#author').value = '{name}';"
+        "document.querySelector('#author').dispatchEvent(new Event('change'))"
+    )
+
+
+def test_a_mark_under_an_impossible_name_is_saved_under_the_corrected_one_or_dropped(fill, served, browser, versions):
+    begin(browser, served, fill((0, 0)).id)
+    browser.until(READY)
+    rename(browser, "Ada\\u200b")
+    browser.press("Enter")
+    browser.until("document.querySelector('#unsaved').textContent.includes('Drop 1 that cannot be saved')")
+    assert not browser.evaluate("document.querySelector('#unsaved').textContent.includes('Try again')")
+    rename(browser, "Ada")
+    browser.until("document.querySelector('#unsaved').hidden")
+    assert steps_said(versions, "Ada", 1) == {RIGHT_STEP}
+    browser.until(READY)
+    rename(browser, "Bob\\u200b")
+    browser.press("Enter")
+    browser.until("document.querySelector('#unsaved').textContent.includes('Drop 1')")
+    browser.press("Delete")
+    browser.until("document.querySelector('#unsaved').hidden")
+    progress(browser, "1 of 2 marked, 1 to go")
+    assert len(read_versions(versions)) == 1
+
+
+def test_more_than_one_message_holds_is_accepted_together_and_undone_together(fill, served, browser, versions):
+    begin(browser, served, fill((0,) * 512).id)
+    for _ in range(5):
+        browser.until(READY)
+        browser.press("Enter")
+    browser.until("!document.querySelector('#offer').hidden")
+    browser.press("KeyA")
+    for _ in range(5):
+        browser.until(READY)
+        browser.press("Enter")
+    progress(browser, "512 of 512 marked, 0 to go")
+    assert steps_said(versions, "Ada", 512) == {RIGHT_STEP}
+    browser.press("KeyU")
+    progress(browser, "10 of 512 marked, 502 to go")
+
+
+def test_one_person_on_two_pages_is_asked_which_of_both_marks_is_right(fill, served, browser, versions):
+    begin(browser, served, fill((0,)).id)
+    browser.until(READY)
+    save(versions, [Entry(episode=f"{0:016x}", critical_state=0, step=25, after=0, author="Ada")])
+    browser.press("Enter")
+    browser.until("!document.querySelector('#conflict').hidden")
+    shown = browser.evaluate("document.querySelector('#conflict').textContent")
+    assert shown.startswith("You marked this critical state differently elsewhere. Which step is right?")
+    assert "Ada: step 25" in shown
+    assert "leave it open" not in shown
+
+
+def test_a_mark_after_the_last_step_of_an_episode_is_no_choice(fill, served, browser, versions):
+    begin(browser, served, fill((0,)).id)
+    browser.until(READY)
+    save(versions, [Entry(episode=f"{0:016x}", critical_state=0, step=9999, after=0, author="Bob")])
+    browser.press("Enter")
+    browser.until("!document.querySelector('#conflict').hidden")
+    shown = browser.evaluate("document.querySelector('#conflict').textContent")
+    assert "null" not in shown
+    assert "Bob" not in shown
+    assert f"Ada (not saved yet): step {RIGHT_STEP}" in shown
+
+
+def test_one_mark_far_from_a_sure_proposal_is_no_example(fill, served, browser, versions):
+    ref = fill((0, 0))
+    save(versions, [Entry(episode=f"{0:016x}", critical_state=0, step=38, after=0, author="Bob")])
+    begin(browser, served, ref.id)
+    browser.until(READY)
+    right, _, wrong = browser.evaluate(EXAMPLES)
+    assert (right, wrong) == (str(RIGHT_STEP), str(RIGHT_STEP + 15))
+
+
 def test_a_key_that_is_held_moves_but_decides_once(fill, served, browser, versions):
     begin(browser, served, fill((-5,) * 5).id)
     browser.until(READY)

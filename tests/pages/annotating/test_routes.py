@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import shutil
+import threading
 import time
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from starlette.testclient import TestClient
 from juicer.annotation.versions import read_versions
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Source
+from juicer.pages.annotating.proposals import find_proposals
 from juicer.pages.application import create_application
 from juicer.pages.workplace import Workplace
 from juicer.tasks.registry import get_task
@@ -155,6 +157,39 @@ def test_versions_edited_to_nonsense_are_a_sentence_and_stay_as_they_are(client,
     assert versions.read_text() == "nonsense\n"
 
 
+def test_proposals_that_could_not_be_read_are_looked_for_again(client, address, tmp_path):
+    (table,) = (tmp_path / "data" / "annotations").glob("*/annotations.parquet")
+    whole = table.read_bytes()
+    table.write_bytes(b"damaged")
+    for _ in range(2):
+        while (answer := client.get(f"{address}/work")).status_code == 200:
+            assert not answer.json()["ready"]
+        assert "juicer repair" in answer.json()["error"]
+    table.write_bytes(whole)
+    client.get(f"{address}/work")  # tells of the last search, and begins another
+    assert work(client, address)["episodes"]
+    assert mark(client, address, 21).status_code == 200
+
+
+def test_a_mark_waits_until_it_is_known_what_was_proposed(client, address, versions, monkeypatch):
+    known = threading.Event()
+
+    def find_slowly(*arguments):
+        known.wait(30)
+        return find_proposals(*arguments)
+
+    monkeypatch.setattr("juicer.pages.annotating.desk.find_proposals", find_slowly)
+    monkeypatch.setattr("juicer.pages.annotating.saying.PATIENCE_SECONDS", 0.05)
+    early = mark(client, address, 21)
+    assert (early.status_code, read_versions(versions)) == (409, [])
+    assert "still being searched" in early.json()["error"]
+    known.set()
+    work(client, address)
+    assert mark(client, address, 21).status_code == 200
+    (version,) = read_versions(versions)
+    assert (version.proposal, version.confidence) == (20, 0.95)
+
+
 def test_artifact_that_is_deleted_while_its_page_is_open_is_a_sentence(client, address, tmp_path):
     work(client, address)
     shutil.rmtree(tmp_path / "data" / "episodes")
@@ -182,7 +217,9 @@ def test_sheet_shows_the_steps_that_were_asked_for(client, address):
     assert np.abs(sheet[480:, 960:1280] - one).mean() < np.abs(sheet[:240, 640:960] - one).mean()
 
 
-@pytest.mark.parametrize("path", ["9999.jpg", "-1.jpg", "0.jpg?count=9", "0.jpg?count=0", "0.jpg?view=side"])
+@pytest.mark.parametrize(
+    "path", ["9999.jpg", "-1.jpg", "0.jpg?count=9", "0.jpg?count=0", "0.jpg?view=side", "0.jpg?view=wrist&view=wrist"]
+)
 def test_sheet_of_what_is_not_there_is_a_sentence(client, address, path):
     answer = client.get(f"{address}/{FIRST}/{path}")
     assert answer.status_code == 400

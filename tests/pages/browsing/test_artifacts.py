@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import re
 import threading
 
@@ -105,7 +106,24 @@ def test_long_list_is_shown_in_parts(client, store):
     assert "1 to 100 of 101 artifacts" in first.text
     following = re.search(r'rel="next" href="([^"]*)"', first.text)[1].replace("&amp;", "&")
     assert len(listed(client.get(following).text)) == 1
-    assert "The list ends before" in client.get("/?first=1000").text
+
+
+@pytest.mark.parametrize("page", ["/?kind=episodes&", "/episodes?", "/episodes?artifact={episodes}&", "/annotate?"])
+def test_behind_the_end_of_a_list_a_link_leads_back_into_it(client, run, page):
+    text = client.get(f"{page.format(episodes=run.episodes)}first=1000").text
+    assert "The list ends before number 1001." in text
+    assert "1000 of" not in text
+    assert "<table" not in text
+    previous = html.unescape(re.search(r'rel="prev" href="([^"]*)"', text)[1])
+    assert previous.endswith("first=0")
+    assert "<table" in client.get(previous).text
+
+
+def test_behind_the_end_of_a_long_list_the_link_leads_to_its_last_lines(client, store):
+    for seed in range(101):
+        commit(store, Recipe("record", "logs", config={"seed": seed}), {})
+    previous = re.search(r'rel="prev" href="([^"]*)"', client.get("/?first=1000").text)[1]
+    assert "101 to 101 of 101 artifacts" in client.get(html.unescape(previous)).text
 
 
 def all_of(known):

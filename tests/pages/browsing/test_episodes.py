@@ -14,6 +14,7 @@ from juicer.artifacts.recipe import Recipe
 from juicer.episode import Outcome
 from juicer.pages.browsing.frames import FRAME_HEIGHT, FRAME_WIDTH, SHEET_COLUMNS
 from juicer.storage.episodes import write_episodes
+from juicer.storage.evaluations import EvaluationRow, write_evaluation
 from tests.pages.conftest import commit
 
 
@@ -34,6 +35,43 @@ def test_evaluation_lists_every_episode_and_shows_those_that_it_kept(client, run
     assert "✗ timeout" in text
     shown = client.get("/episodes", params={"artifact": str(run.evaluation), "episode": 1})
     assert f"juicer replay {run.evaluation.id} --episode 1" in shown.text
+
+
+@pytest.fixture
+def outcomes(store):
+    """An evaluation as unpacking the records of a study makes it: without examples."""
+    rows = [
+        EvaluationRow(0, 76, Outcome.SUCCESS, 1, 300, {"top_placed": 30, "leg_screwed": 300}),
+        EvaluationRow(1, 77, Outcome.TIMEOUT, 0, 600, {"top_placed": 40}),
+    ]
+    recipe = Recipe("evaluate", "evaluation", tasks={"one_leg": {}})
+    return commit(store, recipe, {}, lambda folder: write_evaluation(folder, rows))
+
+
+def test_evaluation_without_examples_lists_every_episode_and_says_how_to_see_one(client, outcomes):
+    asked = {"artifact": str(outcomes)}
+    answer = client.get("/episodes", params=asked)
+    assert answer.status_code == 200
+    assert linked(answer.text) == [0, 1]
+    assert "<img" not in answer.text
+    assert "hold no simulator states" not in answer.text
+    assert f"juicer replay {outcomes.id} --episode NUMBER" in answer.text
+    shown = client.get("/episodes", params={**asked, "episode": 0}).text
+    assert f"juicer replay {outcomes.id} --episode 0" in shown
+
+
+@pytest.mark.parametrize(("lacking", "numbers"), [("leg_lifted", [1]), ("leg_upright", [])])
+def test_failures_of_an_evaluation_without_examples_are_told_by_its_task(client, outcomes, lacking, numbers):
+    asked = {"artifact": str(outcomes), "lacking": lacking}
+    assert linked(client.get("/episodes", params=asked).text) == numbers
+
+
+@pytest.mark.parametrize("name", ["sheet", "still"])
+def test_image_of_an_evaluation_without_examples_is_refused_with_a_remedy(client, outcomes, name):
+    asked = {"artifact": str(outcomes), "episode": 0, "frame": 0}
+    answer = client.get(f"/episodes/{name}.jpg", params=asked, headers={"accept": "*/*"})
+    assert answer.status_code == 404
+    assert "juicer replay" in answer.json()["error"]
 
 
 @pytest.mark.parametrize(

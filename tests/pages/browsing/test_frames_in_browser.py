@@ -6,6 +6,7 @@ import pytest
 
 from benchmarks.page.chromium import CHROMIUM, Chromium
 
+PLAY = "document.querySelector('#play')"
 SHOWN = "document.querySelector('#where').textContent"
 
 
@@ -41,3 +42,39 @@ def test_keys_go_through_an_episode_and_its_address_follows(address, browser, ru
     browser.until("document.querySelectorAll('#strip canvas').length > 5")
     pixel = "document.querySelector('#screen').getContext('2d').getImageData(100, 100, 1, 1).data[3]"
     browser.until(f"{pixel} === 255")
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+@pytest.mark.usefixtures("drawing")
+def test_playing_stops_with_a_remedy_when_no_image_comes_and_goes_on_when_they_come_again(address, browser, run):
+    browser.call("Network.setBlockedURLs", urls=["*/episodes/sheet.jpg*"])
+    browser.open(f"{address}/episodes?artifact={run.episodes}&episode=0&frame=3")
+    browser.until(f"{SHOWN}.startsWith('The server does not answer; start `juicer pages` again')", 20)
+    browser.evaluate(f"{PLAY}.click()")
+    browser.until(f"{PLAY}.textContent === 'Play' && {PLAY}.getAttribute('aria-pressed') === 'false'", 20)
+    assert "juicer pages" in browser.evaluate(SHOWN)
+    browser.call("Network.setBlockedURLs", urls=[])
+    browser.evaluate(f"{PLAY}.click()")
+    browser.until("Number(document.querySelector('#position').value) > 3", 20)
+    assert browser.evaluate(SHOWN).startswith("step ")
+    browser.evaluate(f"{PLAY}.textContent === 'Pause' && {PLAY}.click()")
+    browser.until("document.querySelectorAll('#strip canvas').length > 5", 20)
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+@pytest.mark.usefixtures("drawing")
+def test_image_of_the_step_shown_is_told_to_screen_readers(address, browser, run):
+    browser.open(f"{address}/episodes?artifact={run.episodes}&episode=0&frame=3")
+    browser.until("document.querySelectorAll('#strip canvas').length > 5")
+    current = "[...document.querySelectorAll('#strip [aria-current]')].map((each) => each.getAttribute('aria-current'))"
+    browser.until(f"({current}).length === 1")
+    assert browser.evaluate(current) == ["step"]
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+@pytest.mark.usefixtures("drawing")
+def test_playing_from_the_end_begins_at_the_first_step(address, browser, run, insertions):
+    browser.open(f"{address}/episodes?artifact={run.episodes}&episode=0&frame={len(insertions[0])}")
+    browser.until(f"{SHOWN}.startsWith('end')")
+    browser.evaluate(f"{PLAY}.click()")
+    assert browser.evaluate(SHOWN).startswith("step ")

@@ -10,6 +10,8 @@ import { Display, element, say } from "./display.js";
 
 const POLL_MS = 400;
 const AROUND = 5;
+// The server takes no more in one message than four times as many.
+const MOST_TOGETHER = 500;
 const MOVES = new Set(["earlier", "later", "much-earlier", "much-later"]);
 const setting = JSON.parse(element("annotate").dataset.setting);
 const server = new Server(setting.address);
@@ -51,15 +53,34 @@ function trouble(sentence) {
 /** As long as there are marks that could not be saved, saving them again is offered, whatever else is wrong. */
 function unsaved() {
   const failed = queue.entries.map((each) => each.pending).filter((mark) => mark?.failed);
-  display.notice("unsaved", failed.length ? `${failed.length} not saved, but kept here: ${failed[0].failed}.` : "",
-    [{ words: "Try again", key: "Enter", action: () => retry(failed) }]);
+  const kept = failed.filter((mark) => !mark.isFinal);
+  const hopeless = failed.filter((mark) => mark.isFinal);
+  const choices = [];
+  if (kept.length) choices.push({ words: "Try again", key: "Enter", action: () => retry(kept) });
+  if (hopeless.length) choices.push({ words: `Drop ${hopeless.length} that cannot be saved`, key: "Delete", action: () => drop(hopeless) });
+  display.notice("unsaved", failed.length ? `${failed.length} not saved, but kept here: ${(hopeless[0] ?? failed[0]).failed}.` : "", choices);
   offer();
 }
 
 function retry(failed) {
-  for (const mark of failed) mark.failed = "";
+  for (const mark of failed) Object.assign(mark, { failed: "", isFinal: false });
   unsaved();
-  for (const name of new Set(failed.map((mark) => mark.author))) send(failed.filter((mark) => mark.author === name));
+  for (const batch of new Set(failed.map((mark) => mark.batch))) send(batch.filter((mark) => failed.includes(mark)));
+}
+
+/** Give marks up that the server does not take; their entries are to be judged again. */
+function drop(marks) {
+  for (const mark of marks) Object.assign(mark.entry, { pending: null, judged: false });
+  history = history.map((batch) => batch.filter((mark) => !marks.includes(mark))).filter((batch) => batch.length);
+  unsaved();
+  go(marks[0].entry);
+}
+
+/** What was refused for its author's name is told again under the corrected one. */
+function rename() {
+  const hopeless = queue.entries.map((each) => each.pending).filter((mark) => mark?.isFinal && mark.author !== author());
+  for (const mark of hopeless) mark.author = author();
+  if (author() && hopeless.length) retry(hopeless);
 }
 
 /** Ask for all that is needed to judge an entry, before it is its turn. */
@@ -94,14 +115,16 @@ function conflict() {
   const mine = entry?.pending?.refused ? [{ author: `${author()} (not saved yet)`, step: entry.pending.step }] : [];
   const all = entry ? [...entry.opinions, ...mine] : [];
   if (!entry || !(entry.disputed || mine.length) || all.length < 2) return display.notice("conflict", "");
-  const choices = all.map((each, index) => ({
+  const isOwn = entry.opinions.every((each) => each.author === author());
+  const choices = all.filter((each) => each.step !== null).map((each, index) => ({
     words: `${each.author}: step ${each.step}`, key: String(index + 1), action: () => settle(each.step, true), look: () => move(each.step),
   }));
   const more = (words, action) => choices.push({ words, key: String(choices.length + 1), action });
   more("The step shown below", () => settle(cursor, true));
-  if (mine.length) more("Save mine as well, and leave it open", () => settle(entry.pending.step, false));
-  display.notice("conflict", "Two people marked this critical state differently. Which step is right? Until one is chosen, training uses the proposal.", choices);
-  say("two people marked this critical state differently");
+  if (mine.length && !isOwn) more("Save mine as well, and leave it open", () => settle(entry.pending.step, false));
+  const who = isOwn ? "You marked this critical state differently elsewhere." : "Two people marked this critical state differently.";
+  display.notice("conflict", `${who} Which step is right?${isOwn ? "" : " Until one is chosen, training uses the proposal."}`, choices);
+  say(who);
 }
 
 function settle(step, settles) {
@@ -119,7 +142,16 @@ function save(entries, stepOf, settles = false) {
   }));
   for (const mark of marks) Object.assign(mark.entry, { pending: mark, judged: true, sampled: false });
   history.push(marks);
-  send(marks);
+  for (const batch of parts(marks)) {
+    for (const mark of batch) mark.batch = batch;
+    send(batch);
+  }
+}
+
+/** Marks in messages that the server takes. */
+function parts(marks) {
+  const count = Math.ceil(marks.length / MOST_TOGETHER);
+  return Array.from({ length: count }, (_, index) => marks.slice(index * MOST_TOGETHER, (index + 1) * MOST_TOGETHER));
 }
 
 /** Tell the server marks of one author; what came of a mark is known when its `sent` is over. */
@@ -132,7 +164,7 @@ function send(marks) {
     queue.update(content.marks);
     return answered(marks, status === 409 ? comeOf : () => "done");
   }, (error) => {
-    for (const mark of marks) mark.failed = error.message;
+    for (const mark of marks) Object.assign(mark, { failed: error.message, isFinal: error.isFinal });
     unsaved();
     draw();
   });
@@ -269,10 +301,14 @@ async function takeBack(marks) {
   if (marks.some((mark) => mark.failed)) await update();
   for (const mark of marks) mark.version ??= savedAs(mark)?.version;
   const saved = marks.filter((mark) => mark.version);
-  if (!saved.length) return;
+  // When a later part fails, all are tried again: the server takes nothing back twice.
+  for (const [index, part] of parts(saved).entries()) await takeBackTogether(part, index ? 0 : keys, index ? 0 : seconds);
+}
+
+async function takeBackTogether(marks, keys, seconds) {
   const body = () => {
-    for (const mark of saved) mark.after = mark.entry.newest;
-    return { author: saved[0].author, marks: saved.map((mark, index) => ({
+    for (const mark of marks) mark.after = mark.entry.newest;
+    return { author: marks[0].author, marks: marks.map((mark, index) => ({
       episode: mark.entry.episode.id, critical_state: mark.entry.state, after: mark.after, undoes: mark.version,
       keys: index ? 0 : keys, seconds: index ? 0 : seconds,
     })) };
@@ -280,7 +316,7 @@ async function takeBack(marks) {
   const { status, content } = await server.tell("/undo", body);
   queue.update(content.marks);
   if (status !== 409) return;
-  const newer = saved.find((mark) => mark.entry.newest !== mark.after);
+  const newer = marks.find((mark) => mark.entry.newest !== mark.after);
   if (newer) go(newer.entry);
   throw new Error(content.error);
 }
@@ -334,7 +370,7 @@ function pressed(event) {
   if (event.repeat && !MOVES.has(action)) return action && event.preventDefault();
   const isOperated = event.target.closest("button, a, summary") && (name === "Enter" || name === "Space");
   if (isOperated) return;
-  if (name === "Enter" && display.press("unsaved", name)) return event.preventDefault();
+  if (display.press("unsaved", name)) return event.preventDefault();
   const isChoice = /^[1-9]$/.test(name) && letters() && display.offers("conflict", name);
   if (!action && !isChoice) return;
   event.preventDefault();
@@ -357,7 +393,7 @@ function listen() {
   element("frames").addEventListener("click", (event) => { effort.note(); move(cursor + display.tileAt(event.offsetX)); });
   for (const id of ["author", "which", "letters"]) remember(id);
   element("which").addEventListener("change", () => { for (const each of queue.entries) each.judged = false; go(queue.next(null, which(), author())); });
-  element("author").addEventListener("change", () => { trouble(""); go(queue.next(null, which(), author())); });
+  element("author").addEventListener("change", () => { trouble(""); rename(); go(queue.next(null, which(), author())); });
   element("author").addEventListener("keydown", (event) => event.key === "Enter" && element("timeline").focus());
   addEventListener("resize", draw);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);

@@ -10,6 +10,8 @@ const NARROW = 640;
 const MORE_LIKELY_THAN_NOT = 0.5;
 const LATE_STEPS = 15;
 
+const stepWords = (step) => (step === null ? "a step after the last" : `step ${step}`);
+
 export const element = (id) => document.getElementById(id);
 
 /** Have it read out. */
@@ -62,8 +64,8 @@ export class Display {
   #showState(entry, author) {
     const mine = own(entry, author);
     const [words, kind] = entry.pending?.failed || entry.pending?.refused ? ["not saved", "bad"] : entry.disputed ? ["disputed", "bad"]
-      : entry.pending ? ["saving …", ""] : mine ? [`✓ you marked step ${mine.step}`, "good"]
-      : entry.opinions.length ? [`✓ ${entry.opinions.at(-1).author} marked step ${entry.opinions.at(-1).step}`, "good"] : ["", ""];
+      : entry.pending ? ["saving …", ""] : mine ? [`✓ you marked ${stepWords(mine.step)}`, "good"]
+      : entry.opinions.length ? [`✓ ${entry.opinions.at(-1).author} marked ${stepWords(entry.opinions.at(-1).step)}`, "good"] : ["", ""];
     element("state").textContent = words;
     element("state").className = `state ${kind}`;
   }
@@ -137,7 +139,7 @@ export class Display {
       const step = each.pending?.step ?? mine?.step;
       const words = step === undefined && !each.expected ? made("span", {}, "– before it begins?")
         : step === undefined ? made("span", { class: "bad" }, "○ missing")
-        : each.disputed || each.pending?.refused ? made("span", { class: "bad" }, "≠ disputed") : made("span", { class: "good" }, `✓ step ${step}`);
+        : each.disputed || each.pending?.refused ? made("span", { class: "bad" }, "≠ disputed") : made("span", { class: "good" }, `✓ ${stepWords(step)}`);
       return made("li", each === entry ? { "aria-current": "true" } : {}, made("span", {}, this.setting.states[each.state].name), words);
     });
     element("marks").replaceChildren(...rows);
@@ -196,19 +198,20 @@ export class Display {
       made("th", { scope: "row" }, name), ...values.map((value) => made("td", { class: "number" }, String(value))))));
   }
 
-  /** A right and a wrong example of a critical state: of the surest that people agree on, or that was proposed. */
+  /** A right and a wrong example of a critical state: where people and the proposal agree best, and the proposal is surest. */
   examples(entries, state) {
     const { right, wrong } = this.setting.states[state];
     const stepOf = (each) => each.agreed ?? (each.proposal?.confidence > MORE_LIKELY_THAN_NOT ? each.proposal.step : null);
     const sureness = (each) => each.proposal?.confidence ?? 0;
-    const [found] = entries.filter((each) => each.state === state && stepOf(each) !== null)
-      .sort((one, other) => sureness(other) - sureness(one));
+    const distance = (each) => (each.proposal ? Math.abs(stepOf(each) - each.proposal.step) : Infinity);
+    const isFollowed = (each) => stepOf(each) + LATE_STEPS < each.episode.steps;
+    const [found] = entries.filter((each) => each.state === state && stepOf(each) !== null && isFollowed(each))
+      .sort((one, other) => distance(one) - distance(other) || sureness(other) - sureness(one));
     element("examples").hidden = !found;
     if (!found) return;
     const step = stepOf(found);
-    const late = Math.min(found.episode.steps - 1, step + LATE_STEPS);
     this.#example("right", found, step, right);
-    this.#example("wrong", found, late, `${late - step} steps later: ${wrong}`);
+    this.#example("wrong", found, step + LATE_STEPS, `${LATE_STEPS} steps later: ${wrong}`);
   }
 
   #example(id, { episode }, step, words) {

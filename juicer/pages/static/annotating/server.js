@@ -32,7 +32,10 @@ export class Server {
     }
     const content = await answer.json().catch(() => ({ error: `the server answers ${answer.status}` }));
     const isConflict = answer.status === 409 && content.marks;
-    if (!answer.ok && !isConflict) throw new Error(content.error ?? `the server answers ${answer.status}`);
+    if (!answer.ok && !isConflict) {
+      // What the server does not understand it will not understand the next time.
+      throw Object.assign(new Error(content.error ?? `the server answers ${answer.status}`), { isFinal: answer.status === 400 });
+    }
     return { status: answer.status, content };
   }
 }
