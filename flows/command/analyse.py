@@ -41,15 +41,15 @@ def analyse_checkpoint(
             lambda: demonstrations_behind(store, ref, config.task),
         )
     shown = shown_analysis(store, found, kind)
-    if as_json:
-        say_json({"analysis": str(found), **store.manifest(found).summary})
-    else:
-        say(f"{shown.sentence} {found}")
-        for row in (shown.columns, *shown.rows):
-            say("  " + "".join(f"{cell:14}" for cell in row))
     if figure is not None and shown.png:
         _write(figure, shown.png)
-    if figure is not None and not as_json:
+    if as_json:
+        say_json({"analysis": str(found), **store.manifest(found).summary})
+        return
+    say(f"{shown.sentence} {found}")
+    for row in (shown.columns, *shown.rows):
+        say("  " + "".join(f"{cell:14}" for cell in row))
+    if figure is not None:
         say(
             f"the figure is in '{printable(figure)}'"
             if shown.png

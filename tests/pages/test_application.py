@@ -22,14 +22,14 @@ HTML = {"accept": "text/html"}
 TOKEN = "f" * 32
 
 
-def _is_no_name(name: str) -> str:
-    raise ValueError(f"'{name}' is no name")
+def _refuse_name(name: str) -> str:
+    raise ValueError(f"'{name}' is not a name")
 
 
 class Named(BaseModel):
-    """A body of which no name is right."""
+    """A body whose name is always refused."""
 
-    name: Annotated[str, AfterValidator(_is_no_name)]
+    name: Annotated[str, AfterValidator(_refuse_name)]
 
 
 @pytest.fixture
@@ -146,7 +146,7 @@ def test_body_that_is_no_json_is_said_to_be_none(client):
 
 def test_mistake_in_a_body_is_told_in_our_words_only(client):
     answer = client.post("/named", json={"name": "x"})
-    assert (answer.status_code, answer.json()["error"]) == (400, "'name' is not valid: 'x' is no name")
+    assert (answer.status_code, answer.json()["error"]) == (400, "'name' is not valid: 'x' is not a name")
     assert client.post("/named", json=1).json()["error"].startswith("the request is not valid: ")
 
 
