@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from juicer.annotation.remaining import remaining_critical_states
 from juicer.annotation.signals import signals_of
 from juicer.annotation.standing import Standing, standing
-from juicer.annotation.versions import Key, Version, read_versions, versions_path
+from juicer.annotation.versions import Key, read_versions, versions_path
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from juicer.episode import RECORDED_STEP_KEY, Episode, EpisodeRecord, Outcome
+from juicer.episode import RECORDED_STEP_KEY, Episode, Outcome
 from juicer.errors import NothingLeft
 from juicer.pages.annotating.proposals import Proposals, find_proposals
 from juicer.pages.annotating.sheets import draw_sheet
+from juicer.pages.annotating.work import Demonstration, Judgement, Opinion, Proposed
 from juicer.pages.workplace import Workplace
 from juicer.progress import Progress
 from juicer.sim.env import AssemblyEnv
@@ -89,44 +90,41 @@ class Desk:
         """JPEG of some steps; see :func:`draw_sheet`."""
         return draw_sheet(self.read(episode_id), first, count, tuple(views))
 
-    def work(self) -> list[dict[str, Any]]:
+    def work(self) -> list[Demonstration]:
         """Every demonstration with what is proposed and said of it, those first that are most in doubt."""
         proposals = self.proposals() or {}
         stands = standing(read_versions(self.path))
+        states = range(self.task.num_critical_states)
         episodes = [
-            {
-                "id": record.episode_id,
-                "log": record.log or record.episode_id,
-                "steps": int(length),
-                "marks": self._marks(record, stands, proposals),
-            }
+            Demonstration(
+                id=record.episode_id,
+                log=record.log or record.episode_id,
+                steps=int(length),
+                marks=[self.judgement((record.episode_id, state), stands, proposals) for state in states],
+            )
             for record, length in zip(self.reader.records, self.reader.lengths, strict=True)
             if record.outcome is Outcome.SUCCESS
         ]
-        return sorted(episodes, key=_confidence)
+        return sorted(episodes, key=lambda episode: episode.confidence)
 
-    def _marks(
-        self, record: EpisodeRecord, stands: Mapping[Key, Standing], proposals: Proposals
-    ) -> list[dict[str, Any]]:
-        """Marks of every critical state; of a correction, those are expected that lie ahead of it, or were found."""
-        ahead = self._ahead.get(record.episode_id, range(self.task.num_critical_states))
-        marks = (
-            self.mark((record.episode_id, state), stands, proposals) for state in range(self.task.num_critical_states)
-        )
-        return [{**mark, "expected": mark["critical_state"] in ahead or mark["proposal"] is not None} for mark in marks]
-
-    def mark(self, key: Key, stands: Mapping[Key, Standing], proposals: Proposals) -> dict[str, Any]:
+    def judgement(self, key: Key, stands: Mapping[Key, Standing], proposals: Proposals) -> Judgement:
         """What is proposed and said of one critical state, in steps of the episode."""
+        episode_id, state = key
         stand, proposal = stands.get(key, Standing(0, ())), proposals.get(key)
         agreed = stand.agreed
-        return {
-            "critical_state": key[1],
-            "proposal": {"step": proposal.step, "confidence": proposal.confidence} if proposal else None,
-            "newest": stand.newest,
-            "opinions": [self._opinion(version) for version in stand.opinions],
-            "agreed": None if agreed is None else self.step_of(agreed.episode, agreed.step),
-            "disputed": stand.is_disputed,
-        }
+        return Judgement(
+            episode=episode_id,
+            critical_state=state,
+            expected=proposal is not None or episode_id not in self._ahead or state in self._ahead[episode_id],
+            proposal=Proposed(proposal.step, proposal.confidence) if proposal else None,
+            newest=stand.newest,
+            opinions=[
+                Opinion(version.author, self.step_of(version.episode, version.step), version.version)
+                for version in stand.opinions
+            ],
+            agreed=self.step_of(agreed.episode, agreed.step) if agreed else None,
+            disputed=stand.is_disputed,
+        )
 
     def step_of(self, episode_id: str, recorded: int | None) -> int | None:
         """Step of the episode that a step of its recording became; see :meth:`Episode.step_of`."""
@@ -156,13 +154,6 @@ class Desk:
             raise NothingLeft(
                 f"{self.task.name} has {len(self.names)} critical states, numbered from 0, and not {index}"
             )
-
-    def _opinion(self, version: Version) -> dict[str, Any]:
-        return {
-            "author": version.author,
-            "step": self.step_of(version.episode, version.step),
-            "version": version.version,
-        }
 
     @cached_property
     def _numbers(self) -> list[NDArray[np.int64]]:
@@ -226,12 +217,6 @@ def _desk(store: ArtifactStore, ref: ArtifactRef, folder: Path, data: Path, work
         return find_proposals(store, data, ref, reader, workers, progress)
 
     return Desk(reader, versions_path(data, reader.records[0].task), propose)
-
-
-def _confidence(episode: Mapping[str, Any]) -> float:
-    """The lowest of its critical states that are expected; of one that was not found, none."""
-    marks = [mark for mark in episode["marks"] if mark["expected"]]
-    return min((mark["proposal"]["confidence"] if mark["proposal"] else 0.0 for mark in marks), default=1.0)
 
 
 def _rounded(values: Any) -> Any:

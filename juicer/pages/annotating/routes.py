@@ -11,10 +11,10 @@ from fastapi import APIRouter, Query
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
-from juicer.annotation.measures import measure
+from juicer.annotation.measures import Measures, measure
 from juicer.annotation.rewriting import text_of
 from juicer.annotation.standing import SAME_STEPS, agreed_labels, standing
-from juicer.annotation.versions import Key, read_versions
+from juicer.annotation.versions import read_versions
 from juicer.artifacts.catalog import catalog_of
 from juicer.errors import AnnotationConflict
 from juicer.pages.annotating.choosing import demonstrations, look
@@ -22,6 +22,7 @@ from juicer.pages.annotating.desk import Desk, desk_of
 from juicer.pages.annotating.explaining import explain
 from juicer.pages.annotating.saying import Judged, Marks, Undo, say, take_back
 from juicer.pages.annotating.sheets import HEIGHT, STEPS, VIEWS, WIDTH
+from juicer.pages.annotating.work import Work
 from juicer.pages.paging import Number, part_of
 from juicer.pages.rendering import page
 from juicer.pages.workplace import TheWorkplace
@@ -57,21 +58,16 @@ def annotate(request: Request, workplace: TheWorkplace, name: str) -> Response:
 
 
 @router.get("/{name}/work")
-def work(workplace: TheWorkplace, name: str) -> dict[str, Any]:
+def work(workplace: TheWorkplace, name: str) -> Work:
     """What is to be judged, as far as it is known, and what judging took so far."""
     _, desk = desk_of(workplace, name)
     ready = desk.proposals() is not None
-    return {
-        "ready": ready,
-        "proposed": desk.proposed,
-        "of": len(desk.reader),
-        "episodes": desk.work() if ready else [],
-        "measures": _measures(desk),
-    }
+    episodes = desk.work() if ready else []
+    return Work(ready, desk.proposed, len(desk.reader), episodes, _measures(desk))
 
 
 @router.get("/{name}/measures")
-def measures(workplace: TheWorkplace, name: str) -> dict[str, Any]:
+def measures(workplace: TheWorkplace, name: str) -> Measures:
     """What judging took so far."""
     return _measures(desk_of(workplace, name)[1])
 
@@ -129,14 +125,11 @@ def _saved(desk: Desk, about: Sequence[Judged], do: Callable[[], object]) -> Res
         do()
     except AnnotationConflict as error:
         told, status = {"error": str(error)}, HTTPStatus.CONFLICT
-    told["marks"] = _stands(desk, [(each.episode, each.critical_state) for each in about])
+    stands, proposals = standing(read_versions(desk.path)), desk.proposals() or {}
+    keys = [(each.episode, each.critical_state) for each in about]
+    told["marks"] = [asdict(desk.judgement(key, stands, proposals)) for key in keys]
     return JSONResponse(told, status)
 
 
-def _measures(desk: Desk) -> dict[str, Any]:
-    return asdict(measure([version for version in read_versions(desk.path) if version.episode in desk.reader.ids]))
-
-
-def _stands(desk: Desk, keys: list[Key]) -> list[dict[str, Any]]:
-    stands, proposals = standing(read_versions(desk.path)), desk.proposals() or {}
-    return [{"episode": key[0], **desk.mark(key, stands, proposals)} for key in keys]
+def _measures(desk: Desk) -> Measures:
+    return measure([version for version in read_versions(desk.path) if version.episode in desk.reader.ids])

@@ -7,7 +7,7 @@ export const SAMPLE = 5;
 export class Queue {
   constructor(episodes) {
     this.entries = episodes.flatMap((episode) => episode.marks.map((mark) => ({
-      episode, state: mark.critical_state, cursor: null, pending: null, sampled: false, judged: false, ...mark,
+      ...mark, episode, state: mark.critical_state, cursor: null, pending: null, sampled: false, judged: false,
     })));
   }
 
