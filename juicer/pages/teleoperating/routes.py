@@ -21,7 +21,17 @@ from juicer.pages.browsing.episodes import recorded_episode
 from juicer.pages.paging import Number, Word
 from juicer.pages.rendering import page
 from juicer.pages.teleoperating.hub import Client, Hub
-from juicer.pages.teleoperating.wire import Acknowledge, Begin, Correct, Pace, Resume, TakeOver, packed, parse_command
+from juicer.pages.teleoperating.wire import (
+    Acknowledge,
+    Begin,
+    Correct,
+    Pace,
+    Resume,
+    Simple,
+    TakeOver,
+    packed,
+    parse_command,
+)
 from juicer.pages.workplace import TheWorkplace, Workplace
 from juicer.teleoperation.messages import MOST_BYTES
 from juicer.teleoperation.origin import Origin, origin_of
@@ -141,24 +151,24 @@ async def _receive(socket: WebSocket, hub: Hub, client: Client) -> None:
 
 async def _obey(hub: Hub, client: Client, text: str) -> None:
     command = parse_command(text)
-    if command is None:
-        state = client.reader.read(text)
-        hub.hear(client, state)
-    elif isinstance(command, Acknowledge):
-        client.under_way.painted(command.number, time.monotonic())
-        client.news.set()
-    elif isinstance(command, Begin):
-        await hub.begin(client, command)
-    elif isinstance(command, Correct):
-        await hub.correct(client, command)
-    elif isinstance(command, Resume):
-        await hub.resume(client, command)
-    elif isinstance(command, Pace):
-        hub.pace(client, command)
-    elif isinstance(command, TakeOver):
-        hub.give_controls(client, printable(command.operator.strip()))
-    elif command.kind == "numbers":
-        client.wants_numbers = True
-        client.news.set()
-    elif hub.drives(client):
-        hub.end() if command.kind == "end" else hub.release()
+    match command:
+        case None:
+            hub.hear(client, client.reader.read(text))
+        case Acknowledge():
+            client.under_way.painted(command.number, time.monotonic())
+            client.news.set()
+        case Begin():
+            await hub.begin(client, command)
+        case Correct():
+            await hub.correct(client, command)
+        case Resume():
+            await hub.resume(client, command)
+        case Pace():
+            hub.pace(client, command)
+        case TakeOver():
+            hub.give_controls(client, printable(command.operator.strip()))
+        case Simple(kind="numbers"):
+            client.wants_numbers = True
+            client.news.set()
+        case Simple() if hub.drives(client):
+            hub.end() if command.kind == "end" else hub.release()
