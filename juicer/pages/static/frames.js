@@ -1,6 +1,8 @@
 // An episode step by step. What is shown is addressed by its step: sheets of small images while one scrubs,
 // and one large image of the step at which one stays.
 
+import { NO_ANSWER } from "./answers.js";
+
 const SHEET = 50, COLUMNS = 10, WIDTH = 160, FRONT = 120, WRIST = 90;
 const KEPT_SHEETS = 12, OVERVIEW = 12, SETTLED_MS = 120;
 
@@ -24,7 +26,7 @@ async function image(name, parameters, signal) {
     content = await answer.blob();
   } catch (error) {
     if (error.name === "AbortError") throw error;
-    throw new Error("the server does not answer; start `juicer pages` again and open the address that it prints");
+    throw new Error(NO_ANSWER);
   }
   if (!answer.ok) throw new Error(await refusal(answer.status, content));
   return createImageBitmap(content);

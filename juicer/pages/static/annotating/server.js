@@ -1,5 +1,7 @@
 // What is asked of the server and told to it. What is told goes out one after the other.
 
+import { NO_ANSWER } from "../answers.js";
+
 export class Server {
   constructor(address) {
     this.address = address;
@@ -28,7 +30,7 @@ export class Server {
     try {
       answer = await fetch(this.address + path, { headers: { accept: "application/json" }, ...options });
     } catch {
-      throw new Error("the server does not answer; start `juicer pages` again and open the address that it prints");
+      throw new Error(NO_ANSWER);
     }
     const content = await answer.json().catch(() => ({ error: `the server answers ${answer.status}` }));
     const isConflict = answer.status === 409 && content.marks;
