@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from http import HTTPStatus
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,14 +50,16 @@ CONTENT_POLICY = (
 """What a browser lets a page do: nothing that this server does not send as a file of its own."""
 
 _STATUS = {
-    ArtifactNotFound: 404,
-    WrongArtifactKind: 404,
-    ConfigError: 400,
-    InvalidLabels: 400,
-    StoreNotWritable: 507,
-    AnnotationsNotSaved: 507,
+    ArtifactNotFound: HTTPStatus.NOT_FOUND,
+    WrongArtifactKind: HTTPStatus.NOT_FOUND,
+    ConfigError: HTTPStatus.BAD_REQUEST,
+    InvalidLabels: HTTPStatus.BAD_REQUEST,
+    StoreNotWritable: HTTPStatus.INSUFFICIENT_STORAGE,
+    AnnotationsNotSaved: HTTPStatus.INSUFFICIENT_STORAGE,
+    # With every other one, nothing is wrong with the request: what it is about must be mended, or be waited for.
+    JuicerError: HTTPStatus.CONFLICT,
 }
-_OTHERWISE = 409
+"""Status of a mistake: that of the nearest of its classes which is named here."""
 
 logger = logging.getLogger(__name__)
 
@@ -112,7 +115,7 @@ class _Head:
 
 
 def _mistake(request: Request, error: Exception) -> Response:
-    status = next((code for kind, code in _STATUS.items() if isinstance(error, kind)), _OTHERWISE)
+    status = next(_STATUS[kind] for kind in type(error).__mro__ if kind in _STATUS)
     return _answer(request, str(error), status)
 
 
