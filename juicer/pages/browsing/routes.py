@@ -152,7 +152,7 @@ def lineage(request: Request, workplace: TheWorkplace, artifact: Word = "", firs
         entry=contents.by_ref.get(ref),
         entries={str(each.ref): each for each in contents.entries},
         graph=graph_around(store, contents, ref),
-        unread=contents.unread,
+        contents=contents,
         has_episodes=ref.kind in KINDS_WITH_EPISODES,
     )
 

@@ -11,6 +11,7 @@ import pytest
 from juicer.artifacts import catalog
 from juicer.artifacts.manifest import MANIFEST_NAME
 from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import KINDS
 from tests.pages.conftest import commit
 
 
@@ -29,6 +30,25 @@ def test_empty_store_says_what_to_do(client):
 @pytest.mark.parametrize("page", ["/episodes", "/lineage"])
 def test_page_about_nothing_offers_what_it_can_be_about(client, run, page):
     assert f'href="{page}?artifact={run.evaluation}"' in client.get(page).text
+
+
+@pytest.mark.parametrize("page", ["/", "/episodes", "/lineage", "/lineage?artifact={}", "/annotate"])
+def test_every_page_about_the_store_says_where_there_may_be_more_that_cannot_be_looked_at(client, run, page):
+    folder = run.store.cache / "episodes"
+    folder.rename(folder.with_name("elsewhere"))
+    # Which nobody can look through, whatever their rights.
+    folder.symlink_to(folder)
+    text = html.unescape(client.get(page.format(run.logs)).text)
+    assert f"There may be more artifacts: folder '{folder}' cannot be read" in text
+
+
+@pytest.mark.parametrize("page", ["/", "/episodes", "/lineage", "/annotate"])
+def test_no_page_says_that_there_is_nothing_where_nothing_can_be_looked_at(client, store, page):
+    assert "<code>juicer" in client.get(page).text
+    store.cache.mkdir(exist_ok=True)
+    for kind in KINDS:
+        (store.cache / kind).symlink_to(store.cache / kind)
+    assert "<code>juicer" not in client.get(page).text
 
 
 def test_every_artifact_is_listed(client, run):
