@@ -10,16 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from juicer.artifacts.store import ArtifactStore
-from juicer.errors import ConfigError, DeviceUnavailable, RefusedMessage, UnusableDraft, did_you_mean
+from juicer.errors import ConfigError, DeviceUnavailable, RefusedMessage, did_you_mean
 from juicer.pages.browsing.episodes import recorded_episode
+from juicer.pages.teleoperating.interrupted import interrupted, read_interrupted, told_of
 from juicer.pages.teleoperating.under_way import UnderWay
 from juicer.pages.teleoperating.wire import Begin, Correct, Order, Pace, Resume
-from juicer.sim.env import STEP_S
 from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import Randomness
 from juicer.teleoperation.choice import Choice
 from juicer.teleoperation.controls import ControllerState, Controls
-from juicer.teleoperation.drafts import DRAFTS, LeftDraft, left_in, read_draft, remove_draft
+from juicer.teleoperation.drafts import LeftDraft, remove_draft
 from juicer.teleoperation.key_maps import DEFAULT, DESCRIPTIONS, PRESETS, KeyMap, Motion, find_key_map, read_key_map
 from juicer.teleoperation.logs import Logs
 from juicer.teleoperation.messages import MessageReader
@@ -30,9 +30,6 @@ from juicer.teleoperation.spacemouse import SpaceMouse, open_spacemouse
 from juicer.teleoperation.verification import Verifier
 from juicer.teleoperation.work import Work
 from juicer.text import printable
-
-MOST_DRAFTS = 10
-"""Interrupted episodes that are offered, the latest first."""
 
 
 class Client:
@@ -210,14 +207,15 @@ class Hub:
             DeviceUnavailable: As for :meth:`begin`.
         """
         self._check_drives(client)
-        found = [path for path in self._left() if (path.parents[1].name, path.name) == (order.task, order.draft)]
+        left = interrupted(self.folder)
+        found = [path for path in left if (path.parents[1].name, path.name) == (order.task, order.draft)]
         if not found:
             raise RefusedMessage("that episode is no longer there: somebody has gone on with it, or removed it")
         if order.kind == "forget":
             remove_draft(found[0])
             self._wake_all()
         else:
-            await self._start(client, order, lambda: self._resumed(read_draft(found[0]), order))
+            await self._start(client, order, lambda: self._resumed(read_interrupted(found[0]), order))
 
     def _check_drives(self, client: Client) -> None:
         if self._session and not self.drives(client):
@@ -305,7 +303,7 @@ class Hub:
             "drives": self.drives(client),
             "is_driven": self._driver is not None,
             "going_on": self._session is not None,
-            "drafts": [] if self._session else [_told(path) for path in self._left()],
+            "drafts": [] if self._session else [told_of(path) for path in interrupted(self.folder)],
             "key_list": _shown_keys(self._key_map),
             "spacemouse": self._mouse is not None,
         }
@@ -322,10 +320,6 @@ class Hub:
         """End everything."""
         self.end()
         self._verifier.close()
-
-    def _left(self) -> list[Path]:
-        """Files of interrupted episodes, the latest first."""
-        return left_in(*self.folder.glob(f"*/{DRAFTS}"))[:MOST_DRAFTS]
 
     def _find_key_map(self, name: str) -> KeyMap:
         own = self._own_key_maps()
@@ -361,24 +355,6 @@ class Hub:
 def _choice(order: Begin | Correct, task: str, randomness: str) -> Choice:
     operator = printable(order.operator.strip())
     return Choice(task=task, randomness=randomness, operator=operator, target=order.target, keys=order.keys)
-
-
-def _told(path: Path) -> dict[str, Any]:
-    """What is told of an interrupted episode; why it cannot be gone on with, if it cannot."""
-    name = {"task": path.parents[1].name, "draft": path.name}
-    try:
-        left = read_draft(path)
-    except UnusableDraft as error:
-        return {**name, "problem": str(error)}
-    begun = left.beginning
-    return {
-        **name,
-        "problem": "",
-        "operator": printable(begun.operator),
-        "began": printable(begun.began),
-        "seconds": len(left.steps) * STEP_S,
-        "parent_step": begun.parent_step,
-    }
 
 
 def _shown_keys(key_map: KeyMap) -> list[dict[str, Any]]:

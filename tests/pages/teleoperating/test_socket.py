@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import struct
 import time
@@ -15,7 +16,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from flows.servers.guard import Guard
 from juicer.pages.access import Access
-from juicer.pages.teleoperating.hub import MOST_DRAFTS
+from juicer.pages.teleoperating.interrupted import MOST_DRAFTS
 from juicer.pages.teleoperating.under_way import MOST
 from juicer.sim.env import AssemblyEnv
 from juicer.teleoperation.drafts import Beginning, Draft
@@ -302,6 +303,30 @@ def test_an_interrupted_episode_that_cannot_be_gone_on_with_says_why_and_can_be_
     page.say({"kind": "forget", "task": "one_leg", "draft": damaged["draft"]})
     page.until(lambda: len(page.status["drafts"]) == 1, silent=True)
     assert not path.exists()
+
+
+def test_an_interrupted_episode_on_a_disk_that_became_read_only_says_so_and_not_that_somebody_removed_it(
+    connect, left, monkeypatch
+):
+    path = left("one_leg", "stuck", 10)
+    page = connect()
+    page.until(lambda: "drafts" in page.status, silent=True)
+    assert page.status["drafts"][0]["problem"] == ""
+    opened = os.open
+
+    def refuse(file, flags, *more, **named):
+        if os.fspath(file) == str(path) and flags & os.O_RDWR:
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
+        return opened(file, flags, *more, **named)
+
+    monkeypatch.setattr(os, "open", refuse)
+    page.say({"kind": "resume", "task": "one_leg", "draft": path.name})
+    page.until(lambda: len(page.refusals) == 1, silent=True)
+    another = connect()
+    another.until(lambda: "drafts" in another.status, silent=True)
+    for sentence in (page.refusals[0], *(draft["problem"] for draft in another.status["drafts"])):
+        assert f"draft '{path}', as it cannot be written (Read-only file system); mount its disk" in sentence
+    assert len(another.status["drafts"]) == 1
 
 
 def test_an_interrupted_episode_whose_key_map_is_gone_goes_on_with_the_keys_of_the_form(page, left):
