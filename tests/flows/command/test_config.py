@@ -64,7 +64,7 @@ def test_a_model_for_several_tasks_keeps_them_all(capsys, tmp_path):
 
 def test_a_part_of_a_study_leaves_out_what_only_the_rest_of_it_says(capsys, tmp_path):
     (tmp_path / "mine.yaml").write_text(
-        "base: laptop\nflow: study\ncurves:\n"
+        "base: smoke\nflow: study\ncurves:\n"
         "  data: {title: Data, axis: n, conditions: {bc: 1, ta: 2}}\n"
         "  rounds: {title: Rounds, axis: n, conditions: {ci: 1}}\n"
         "tasks:\n  one_leg:\n  lamp: {seeds: [3, 0]}\n"
@@ -94,10 +94,10 @@ def test_a_chosen_model_goes_before_that_of_each_task(capsys, tmp_path):
 
 def test_of_several_tasks_what_is_left_open_for_all_is_printed_too(capsys, tmp_path):
     path = tmp_path / "mine.yaml"
-    path.write_text("base: laptop\ntasks: [lamp, one_leg]\n")
+    path.write_text("base: smoke\nby_task: {lamp: {rounds: 2}}\ntasks: [lamp, one_leg]\n")
     told = json.loads(printed(capsys, str(path), "--json"))
     assert (told["configuration"]["condition"], told["configuration"]["seed"]) == ("ta_ci", 0)
-    assert told["from"]["tasks.one_leg"].endswith("mine.yaml:2")
+    assert told["from"]["tasks.one_leg"].endswith("mine.yaml:3")
     told = json.loads(printed(capsys, str(path), "--set", "flow=study", "--json"))
     assert told["configuration"]["seeds"] == [0, 1, 2, 3, 4]
     assert told["configuration"]["conditions"][:2] == ["replay", "bc"]

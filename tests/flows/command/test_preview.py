@@ -86,7 +86,7 @@ def test_several_changes_are_each_named_once(store):
     assert found.reasons == [
         "config key 'ingest.min_steps' is 30, it was 50, "
         "so annotate, augment, dataset, train and collect are computed again",
-        "config key 'augment.num_snippets' is 100, it was 288, so dataset, train and collect are computed again",
+        "config key 'augment.num_snippets' is 100, it was 864, so dataset, train and collect are computed again",
     ]
 
 
@@ -104,7 +104,7 @@ def test_a_dry_run_tells_what_is_reused_and_why_the_rest_is_not(store):
     (calls,) = preview(store, [config])
     calls = {(each.stage, each.label): each for each in calls}
     assert calls["train", "bc seed 0"].is_reused
-    assert calls["augment", "ta_ci seed 0"].reason == "config key 'augment.num_snippets' is 100, it was 288"
+    assert calls["augment", "ta_ci seed 0"].reason == "config key 'augment.num_snippets' is 100, it was 864"
     assert calls["evaluate", "ta_ci seed 0 round 1"].reason == calls["augment", "ta_ci seed 0"].reason
     assert calls["train", "ta_ci seed 0"].seconds is not None
     assert calls["report", ""].ref is None
