@@ -12,6 +12,20 @@ from juicer.text import printable
 _OF_THE_RUN = ("task", TASKS_KEY, BY_TASK_KEY, "flow", "name")
 
 
+def lay_over(above: Written, below: Written) -> Written:
+    """One content laid over another; what it says of all tasks goes before what the other says of one."""
+    return above.over(give_way(below, above))
+
+
+def give_way(written: Written, above: Written) -> Written:
+    """The same where what is said of single tasks gives way to what is said above of all."""
+    for task, said in written.sections(BY_TASK_KEY).items():
+        if said:
+            own = written.below(BY_TASK_KEY, task).giving_way(above)
+            written = written.with_section((BY_TASK_KEY, task), own)
+    return written
+
+
 def told_of_tasks(written: Written) -> Written:
     """The same with what it says by task said of the run, or the runs, that are for these tasks.
 

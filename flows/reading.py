@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
-from flows.by_task import told_of_tasks
+from flows.by_task import give_way, lay_over, told_of_tasks
 from flows.conditions import defaults
 from flows.shipped import CONFIGS, PRESETS, find_configuration, find_preset, is_name, names, shipped_path
 from flows.written import (
-    ASSIGNED,
     BASE_KEY,
     DEFAULT_NAME,
     NAME_KEY,
@@ -18,12 +19,14 @@ from flows.written import (
     TASKS_KEY,
     Written,
     absolute_path,
-    assignment,
     with_paths,
 )
 from juicer.config import read_document
 from juicer.errors import ConfigError
-from juicer.yaml_reading import Document, UnreadableYaml, check_plain, read_yaml
+from juicer.text import printable
+from juicer.yaml_reading import MOST_DEPTH, Document, Keys, UnreadableYaml, check_plain, read_yaml
+
+ASSIGNED = "--set"
 
 
 def read_written(source: Path | str, assignments: Sequence[str] = ()) -> Written:
@@ -80,18 +83,61 @@ def _assigned(written: Written, folder: Path | None, assignments: Sequence[str],
     Args:
         written: The content.
         folder: What its paths are relative to.
-        assignments: As :meth:`Written.assigning` takes them.
+        assignments: As :func:`_assign` takes them.
         here: What paths in them are relative to.
     """
-    bases = [text for text in assignments if assignment(text)[0] == (BASE_KEY,)]
+    bases = [text for text in assignments if _assignment(text)[0] == (BASE_KEY,)]
     # A base decides what the other assignments apply to.
-    preset = _preset(Written({}).assigning(bases, here).values.get(BASE_KEY), here)
+    preset = _preset(_assign(Written({}), bases, here).values.get(BASE_KEY), here)
     if bases and preset is None:
-        written, folder = written.assigning(bases, here), here
+        written, folder = _assign(written, bases, here), here
     whole = _over_base(written, folder, preset=preset)
     if preset and whole.values != _over_base(written, folder).values:
         whole = _renamed(whole, preset.resolve().stem)
-    return told_of_tasks(whole.assigning([text for text in assignments if text not in bases], here))
+    return told_of_tasks(_assign(whole, [text for text in assignments if text not in bases], here))
+
+
+def _assign(written: Written, assignments: Sequence[str], folder: Path | None) -> Written:
+    """A configuration with every ``dotted.key=value`` applied, later ones first; values are YAML.
+
+    Args:
+        written: The configuration.
+        assignments: The texts.
+        folder: What paths in them are relative to; none if they must be absolute.
+
+    Raises:
+        ConfigError: If an assignment is none, undoes another, or descends into a value that is no section.
+    """
+    said = dict[Keys, str]()
+    for text in assignments:
+        keys, value = _assignment(text)
+        for earlier, its_text in said.items():
+            if earlier[: len(keys)] == keys:
+                raise ConfigError(f"{ASSIGNED} '{printable(text)}' undoes {ASSIGNED} '{printable(its_text)}'")
+        said[keys] = text
+        for key in reversed(keys):
+            value = {key: value}
+        layer = Written(with_paths(value, folder, ASSIGNED), {keys: ASSIGNED})
+        value = reduce(getitem, keys, layer.values)
+        written = give_way(written, layer).replacing(keys, value, ASSIGNED)
+    return written
+
+
+def _assignment(text: str) -> tuple[tuple[str, ...], Any]:
+    """Keys and value of ``dotted.key=value``.
+
+    Raises:
+        ConfigError: If it is not of this form, or the value is not YAML.
+    """
+    shown = printable(text)
+    key, separator, value = text.partition("=")
+    keys = tuple(part.strip() for part in key.split("."))
+    if not separator or not all(keys) or len(keys) > MOST_DEPTH:
+        raise ConfigError(f"{ASSIGNED} '{shown}' must look like key=value, for instance evaluate.episodes=200")
+    try:
+        return keys, read_yaml(value).value
+    except UnreadableYaml as error:
+        raise ConfigError(f"{ASSIGNED} '{shown}': the value cannot be read: {error}") from None
 
 
 def _renamed(whole: Written, preset: str) -> Written:
@@ -151,7 +197,7 @@ def _over_base(
     above = (*above, found.resolve())
     if len(set(above)) < len(above):
         raise ConfigError(f"{place}: base leads back to '{_shown(found)}', which is laid over this file itself")
-    return written.without(BASE_KEY).over(_over_base(*base, above, preset))
+    return lay_over(written.without(BASE_KEY), _over_base(*base, above, preset))
 
 
 def _is_preset(path: Path) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 from flows.conditions import defaults
 from juicer.errors import ConfigError, did_you_mean
 from juicer.text import printable
-from juicer.yaml_reading import MOST_DEPTH, Keys, UnreadableYaml, read_yaml
+from juicer.yaml_reading import Keys
 
 BASE_KEY, NAME_KEY, TASKS_KEY, KIND_KEY, POLICIES_KEY = "base", "name", "tasks", "kind", "policies"
 CONDITIONS_KEY, CHANGES_KEY = "conditions", "changes"
@@ -21,7 +21,6 @@ BY_TASK_KEY = "by_task"
 PATH_KEYS = ("logs", "labels")
 """Keys that name files, relative to the file that they are written in: of the top level, of a task, of a condition's
 changes."""
-ASSIGNED = "--set"
 
 
 @dataclass(frozen=True)
@@ -40,21 +39,25 @@ class Written:
         """Where a value, or the innermost section around it, was written."""
         return next((self.places[keys[:end]] for end in range(len(keys), 0, -1) if keys[:end] in self.places), None)
 
-    def over(self, below: Written) -> Written:
-        """This content laid over another: sections are merged, everything else is replaced.
+    def holds(self, keys: Keys) -> bool:
+        """Whether something stands at these keys."""
+        values: Any = self.values
+        for key in keys:
+            if not isinstance(values, Mapping) or key not in values:
+                return False
+            values = values[key]
+        return True
 
-        What it says of all tasks goes before what the other says of one.
-        """
+    def over(self, below: Written) -> Written:
+        """This content laid over another: sections are merged, everything else is replaced."""
         values, replaced = _merge(below.values, self.values)
         kept = {keys: place for keys, place in below.places.items() if not _is_below(keys, replaced)}
-        result = Written(values, kept | dict(self.places))
-        # Of a task whose section is replaced as a whole, nothing from below is left.
-        for task in (task for task, own in result.sections(BY_TASK_KEY).items() if own):
-            lower = below.below(BY_TASK_KEY, task)
-            again = {keys: place for keys, place in self.places.items() if _holds(lower.values, keys)}
-            lower = Written(_said_again(self.values, lower.values), {**lower.places, **again})
-            result = result.with_section((BY_TASK_KEY, task), self.below(BY_TASK_KEY, task).over(lower))
-        return result
+        return Written(values, kept | dict(self.places))
+
+    def giving_way(self, above: Written) -> Written:
+        """The same with what is said above in the place of what is said here; nothing else that is said above."""
+        again = {keys: place for keys, place in above.places.items() if self.holds(keys)}
+        return Written(_said_again(above.values, self.values), {**self.places, **again})
 
     def sections(self, key: str) -> Mapping[str, Any]:
         """The sections under a key of the top level, by name, empty ones too; nothing else that it holds."""
@@ -74,16 +77,10 @@ class Written:
         Raises:
             ConfigError: If one of the outer keys holds a value that is no section.
         """
-        picked = _picked(self.below(*keys).values, value)
-        replaced: set[Keys] = {tuple(keys)} if picked is value else set()
+        picked, gone = _picked(self.below(*keys).values, value)
+        replaced = {(*keys, *inner) for inner in gone}
         kept = {known: old for known, old in self.places.items() if not _is_below(known, replaced)}
-        result = Written(_replaced(self.values, keys, picked, place), {**kept, tuple(keys): place})
-        for task, own in self.sections(BY_TASK_KEY).items():
-            if _holds(own, keys):
-                nested = _said_again(_nested(keys, value), own)
-                section = Written(nested, {**result.below(BY_TASK_KEY, task).places, tuple(keys): place})
-                result = result.with_section((BY_TASK_KEY, task), section)
-        return result
+        return Written(_replaced(self.values, keys, picked, place), {**kept, tuple(keys): place})
 
     def without(self, *left_out: str) -> Written:
         """The same without some keys of the top level."""
@@ -100,29 +97,6 @@ class Written:
         size = len(outer)
         places = {keys[size:]: place for keys, place in self.places.items() if keys[:size] == outer and keys[size:]}
         return Written(values or {}, places)
-
-    def assigning(self, assignments: Iterable[str], folder: Path | None) -> Written:
-        """The same with every ``dotted.key=value`` applied; values are YAML.
-
-        Args:
-            assignments: Later ones go first.
-            folder: What paths are relative to; none if they must be absolute.
-
-        Raises:
-            ConfigError: If an assignment is none, undoes another, or descends into a value that is no section.
-        """
-        result, said = self, dict[tuple[str, ...], str]()
-        for text in assignments:
-            keys, value = assignment(text)
-            for earlier, its_text in said.items():
-                if earlier[: len(keys)] == keys:
-                    raise ConfigError(f"{ASSIGNED} '{printable(text)}' undoes {ASSIGNED} '{printable(its_text)}'")
-            said[keys] = text
-            placed: Any = with_paths(_nested(keys, value), folder, ASSIGNED)
-            for key in keys:
-                placed = placed[key]
-            result = result.replacing(keys, placed, ASSIGNED)
-        return result
 
 
 def settled(written: Written) -> Written:
@@ -196,30 +170,6 @@ def _paths_below(own: Any, section: str, folder: Path | None, origin: str) -> An
     return {**own, section: _paths_below(own[section], "", folder, origin)} if section in own else own
 
 
-def assignment(text: str) -> tuple[tuple[str, ...], Any]:
-    """Keys and value of ``dotted.key=value``.
-
-    Raises:
-        ConfigError: If it is not of this form, or the value is not YAML.
-    """
-    shown = printable(text)
-    key, separator, value = text.partition("=")
-    keys = tuple(part.strip() for part in key.split("."))
-    if not separator or not all(keys) or len(keys) > MOST_DEPTH:
-        raise ConfigError(f"{ASSIGNED} '{shown}' must look like key=value, for instance evaluate.episodes=200")
-    try:
-        return keys, read_yaml(value).value
-    except UnreadableYaml as error:
-        raise ConfigError(f"{ASSIGNED} '{shown}': the value cannot be read: {error}") from None
-
-
-def _nested(keys: Sequence[str], value: Any) -> dict[str, Any]:
-    for key in reversed(keys):
-        value = {key: value}
-    nested: dict[str, Any] = value
-    return nested
-
-
 def _replaced(values: Mapping[str, Any], keys: Sequence[str], value: Any, place: str) -> dict[str, Any]:
     first, *rest = keys
     if not rest:
@@ -238,40 +188,34 @@ def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> tuple[dict[str
         old = merged.get(key)
         if isinstance(value, Mapping) and isinstance(old, Mapping) and _are_of_one_kind(old, value):
             merged[key], within = _merge(old, value)
-            replaced |= {(key, *keys) for keys in within}
         else:
-            merged[key] = _picked(old, value)
-            if merged[key] is value:
-                replaced.add((key,))
+            merged[key], within = _picked(old, value)
+        replaced |= {(key, *keys) for keys in within}
     return merged, replaced
 
 
 def _said_again(above: Any, below: Any) -> Any:
     """What is said below, with what is said above at the same places; names in a list leave those that they pick."""
+    if _are_names(below) and isinstance(above, Mapping):
+        return list(dict.fromkeys([*below, *above]))
     if not isinstance(below, Mapping):
         return above
-    if isinstance(above, list) and all(isinstance(name, str) for name in above):
+    if _are_names(above):
         return {name: below[name] for name in above if name in below}
     if not isinstance(above, Mapping):
         return above
     return {key: _said_again(above[key], old) if key in above else old for key, old in below.items()}
 
 
-def _holds(values: Any, keys: Sequence[str | int]) -> bool:
-    """Whether something stands at nested keys."""
-    for key in keys:
-        if not isinstance(values, Mapping) or key not in values:
-            return False
-        values = values[key]
-    return True
+def _picked(below: Any, above: Any) -> tuple[Any, set[Keys]]:
+    """What replaces a value, and what is gone of it: names in a list pick entries of a section, in their order."""
+    if not _are_names(above) or len(set(above)) < len(above) or not isinstance(below, Mapping) or not below:
+        return above, {()}
+    return {name: below.get(name) for name in above}, {(name,) for name in below if name not in above}
 
 
-def _picked(below: Any, above: Any) -> Any:
-    """What replaces a value: names in a list pick those entries of a section, in their order."""
-    names = above if isinstance(above, list) and all(isinstance(name, str) for name in above) else []
-    if not names or len(set(names)) < len(names) or not isinstance(below, Mapping) or not below:
-        return above
-    return {name: below.get(name) for name in names}
+def _are_names(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(name, str) for name in value)
 
 
 def _are_of_one_kind(below: Mapping[str, Any], above: Mapping[str, Any]) -> bool:

@@ -67,13 +67,7 @@ def _defaults(run: RunConfig, keys: Iterable[str]) -> dict[str, Any]:
 
 def _origin(written: Written, keys: Keys) -> str | None:
     """Where a value was said; a default stands in no section that was replaced as a whole."""
-    found = written.place(keys)
-    value: Any = written.values
-    for key in keys:
-        if not isinstance(value, Mapping) or key not in value:
-            return None
-        value = value[key]
-    return found
+    return written.place(keys) if written.holds(keys) else None
 
 
 def _leaves(content: Mapping[str, Any], outer: Keys = ()) -> Iterator[tuple[Keys, Any]]:

@@ -344,3 +344,29 @@ def test_what_is_said_by_task_can_be_left_out(tmp_path):
     for nothing in ("null", "{lamp: null}", "[round_table]"):
         (run,) = load_runs(write(tmp_path / "run.yaml", f"base: laptop\ntask: lamp\nby_task: {nothing}\n"))
         assert run.policies["diffusion"].training.steps == 8000
+
+
+def test_what_is_said_above_counts_for_a_task_that_left_it_out(tmp_path):
+    base = write(tmp_path / "base.yaml", "base: smoke\ntask: lamp\nby_task: {lamp: {augment_retraining: null}}\n")
+    above = write(tmp_path / "above.yaml", "base: base.yaml\naugment_retraining: {seed: 4}\n")
+    for (run,) in (load_runs(base, ["augment_retraining.seed=4"]), load_runs(above)):
+        assert run.augment_retraining.seed == 4
+
+
+def test_what_one_task_picks_stays_picked_when_a_value_is_said_above(tmp_path):
+    base = write(
+        tmp_path / "base.yaml", "base: smoke\ntask: lamp\nby_task: {lamp: {policies: [diffusion, multitask]}}\n"
+    )
+    above = write(tmp_path / "above.yaml", "base: base.yaml\npolicies: {diffusion: {training: {steps: 266}}}\n")
+    for (run,) in (load_runs(base, ["policies.diffusion.training.steps=266"]), load_runs(above)):
+        assert list(run.policies) == ["diffusion", "multitask"]
+        assert run.policies["diffusion"].training.steps == 266
+
+
+def test_a_value_is_not_said_to_stand_where_it_was_left_out(tmp_path):
+    path = write(tmp_path / "run.yaml", "task: lamp\nrounds: 2\nby_task:\n  lamp:\n    rounds: 5\n  one_leg: {}\n")
+    write(tmp_path / "above.yaml", "base: run.yaml\nby_task: [one_leg]\n")
+    assert read_written(path).place(("rounds",)).endswith("run.yaml:5")
+    for written in (read_written(path, ["by_task=[one_leg]"]), read_written(tmp_path / "above.yaml")):
+        assert written.values["rounds"] == 2
+        assert written.place(("rounds",)).endswith("run.yaml:2")
