@@ -352,9 +352,14 @@ def _check_analyses(config: FlowConfig, name: str, loop: LoopConfig, where: str)
     policy = loop.final_training(config.method(name), 0).policy
     for key, analysis in loop.analyses.items():
         _check_known(config, f"{where}analyses.{key}.conditions", analysis.conditions)
-        draws = policy.draws_samples and analysis.concerns(name, is_first_seed=True)
-        if draws and isinstance(analysis, SamplingAnalysis):
+        if not (policy.draws_samples and analysis.concerns(name, is_first_seed=True)):
+            continue
+        if isinstance(analysis, SamplingAnalysis):
             try:
                 sampled_in(policy, max(analysis.inference_steps))
             except ConfigError as error:
                 raise ValueError(f"{where}analyses.{key}.inference_steps: {error}") from None
+        elif loop.evaluate.first + (analysis.episodes or 0) > len(SEED_RANGES[Purpose.EVALUATION]):
+            raise ValueError(
+                f"{where}initial states to evaluate on run out; lower evaluate.first or analyses.{key}.episodes"
+            )

@@ -25,7 +25,11 @@ from juicer.text import printable
 def analyse_checkpoint(
     kind: str, text: str, task: str | None, overrides: Sequence[str], figure: Path | None, as_json: bool
 ) -> None:
-    """``juicer analyse``."""
+    """``juicer analyse``.
+
+    Raises:
+        ConfigError: If the figure cannot be written, or an assignment is not valid or takes the analysis away.
+    """
     if figure is not None:
         check_place(figure, "figure", (".png",))
     with run_on(text, "checkpoint") as (session, ref):
@@ -33,6 +37,9 @@ def analyse_checkpoint(
         content = {"task": task or only_task(store, ref), "analyses": {kind: {"kind": kind}}}
         written = settled(take_written(content, "analyse", overrides))
         config = parse_config(written.values, LoopConfig, "analyse", written.place)
+        if kind not in config.analyses:
+            place = written.place(("analyses",))
+            raise ConfigError(f"{place}: analyses must hold '{kind}', which is asked for; change only values below it")
         found = analyse(
             replace(session, label=ref.id),
             config,

@@ -98,3 +98,10 @@ def test_a_study_that_is_run_seed_by_seed_analyses_the_same_models(tmp_path):
 def test_what_cannot_be_analysed_is_refused_at_once(analyses, message):
     with pytest.raises(ConfigError, match=message):
         parse_runs(f"{STUDY}analyses: {analyses}", "study")
+
+
+@pytest.mark.parametrize("kind", ["modes", "monitor"])
+def test_an_analysis_of_more_initial_states_than_there_are_is_refused_before_the_training(kind):
+    text = STUDY + f"evaluate: {{first: 1}}\nanalyses: {{long: {{kind: {kind}, episodes: 1000000}}}}"
+    with pytest.raises(ConfigError, match=r"lower evaluate\.first or analyses\.long\.episodes"):
+        parse_runs(text, "study")

@@ -34,3 +34,15 @@ def test_a_figure_that_cannot_be_written_is_refused_before_anything_is_computed(
     assert call(["analyse", "sampling", "0123", "--figure", str(tmp_path / name)]) == 1
     assert "figure" in capsys.readouterr().err
     assert not (tmp_path / "data").exists()
+
+
+def test_an_analysis_that_was_taken_away_is_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("JUICER_DATA", str(tmp_path / "data"))
+    planned = plan(ArtifactStore(tmp_path / "data"), load_runs("smoke")[0])
+    for entry in planned:
+        with ArtifactStore(tmp_path / "data").create(entry.call.recipe):
+            pass
+    checkpoint = calls_of(planned, "train")[-1].ref
+    wrong = ["--set", "analyses={}"]
+    assert call(["analyse", "monitor", checkpoint.id, "--task", "one_leg", *wrong]) == 1
+    assert "--set: analyses must hold 'monitor', which is asked for" in capsys.readouterr().err
