@@ -34,6 +34,20 @@ from stages.select import SelectConfig
 from stages.train import TrainConfig
 
 LONGEST_PATH, LONGEST_NAME = 4000, 255
+DATA_KEYS = (
+    "randomness",
+    "record",
+    "ingest",
+    "annotate",
+    "augment",
+    "augment_retraining",
+    "dataset",
+    "rounds",
+    "collect",
+    "select",
+    "correct",
+)
+"""Keys that say what models learn from, beside the logs and labels of people."""
 
 
 def _default_policies() -> dict[str, Any]:

@@ -102,16 +102,11 @@ def _known(store: ArtifactStore, runs: Sequence[RunConfig]) -> tuple[TaskStudy |
     return study, len(outcomes), planned
 
 
-_OF_THE_DATA = (
-    "randomness", "logs", "labels", "record", "ingest", "annotate", "augment", "augment_retraining", "dataset",
-    "rounds", "collect", "select", "correct",
-)  # fmt: skip
-"""Sections that make conditions differ in more than their method and what they see."""
-
-
 def _is_alike(run: RunConfig, other: RunConfig) -> bool:
     """Whether conditions that change nothing mean the same in two configurations, but for their networks."""
-    return all(getattr(run, name) == getattr(other, name) for name in _OF_THE_DATA)
+    from flows.loop_config import DATA_KEYS
+
+    return all(getattr(run, key) == getattr(other, key) for key in (*DATA_KEYS, "logs", "labels"))
 
 
 def _of(run: RunConfig, model: ModelOutcome) -> ModelOutcome:

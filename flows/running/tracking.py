@@ -9,6 +9,7 @@ from typing import Any
 from flows.conditions import WORDS
 from flows.config import RunConfig
 from flows.loop import ModelOutcome
+from flows.loop_config import DATA_KEYS
 from juicer.artifacts.code_version import code_version
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import canonical_json
@@ -34,22 +35,7 @@ _NOT_IDENTITY = {
     "mix",
 }
 """Keys that make no model another one."""
-_SHARED_PARAMS = (
-    "task",
-    "randomness",
-    "record",
-    "ingest",
-    "annotate",
-    "augment",
-    "augment_retraining",
-    "dataset",
-    "rounds",
-    "collect",
-    "select",
-    "correct",
-    "evaluate",
-    "shifts",
-)
+_SHARED_PARAMS = {"task", *DATA_KEYS, "evaluate", "shifts"}
 
 
 class Tracking:
@@ -98,7 +84,7 @@ class Tracking:
             "evaluate": config.evaluation,
             **({} if method.replay else {"train": config.final_training(method, seed)}),
         }
-        content = config.model_dump(mode="json", include=set(_SHARED_PARAMS))
+        content = config.model_dump(mode="json", include=_SHARED_PARAMS)
         content |= {name: section.model_dump(mode="json") for name, section in sections.items()}
         return Model(
             study=config.name,
