@@ -195,7 +195,8 @@ def evaluate_further(session: Session, config: RunConfig, model: ModelOutcome) -
     """The same model, evaluated on one more block of initial states."""
     measured = config.loop(model.condition).evaluation
     evaluation = measure(session, model.checkpoint, measured, config.evaluate.stop, model.evaluation)
-    return replace(model, evaluation=evaluation)
+    more = (finding for finding in _findings(session, evaluation) if finding not in model.finding)
+    return replace(model, evaluation=evaluation, finding="; ".join(filter(None, (model.finding, *more))))
 
 
 def _train_jointly(

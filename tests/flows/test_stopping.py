@@ -8,6 +8,7 @@ from typing import cast
 import pytest
 
 from flows.config import CollectInferConfig, StudyConfig
+from flows.loop import evaluate_further, run_model
 from flows.running.context import RunContext, expect
 from flows.running.execution import RunOutcome, execute, run_models
 from flows.running.plan import evaluated_models, is_complete, plan
@@ -15,6 +16,7 @@ from flows.running.tracking import Tracking
 from flows.runs import parse_runs
 from flows.stopping import StopConfig, open_conditions, told
 from flows.terminal.progress import Board
+from juicer.artifacts.manifest import FINDING
 from juicer.artifacts.store import ArtifactStore
 from juicer.artifacts.workspace import delete_tree
 from juicer.episode import Outcome
@@ -300,3 +302,21 @@ def test_one_condition_of_a_study_that_may_stop_is_run_alone_to_the_end():
     """Of a part, nothing is settled by a comparison; what it is compared with later resumes from there."""
     part = STUDY.narrowed(["bc"], [])
     assert StudyConfig.model_validate(part.model_dump(mode="json")) == part
+
+
+def test_what_a_further_block_finds_is_told_once(tmp_path):
+    store = ArtifactStore(tmp_path)
+
+    def perform(call, session):
+        if call.stage.name == "evaluate" and "previous" in call.recipe.inputs:
+            with store.create(call.recipe) as draft:
+                draft.summary |= {FINDING: "it saw other images"}
+        return call.recipe.ref
+
+    session = Session(store, perform)
+    (config,) = parse_runs("base: smoke\nevaluate: {episodes: 30, stop: {every: 10, width: 0.1}}\n", "the run")
+    model = run_model(session, config, "ta_ci", 0)
+    assert model.finding == ""
+    for _ in range(2):
+        model = evaluate_further(session, config, model)
+        assert model.finding == "it saw other images"
