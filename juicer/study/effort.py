@@ -26,7 +26,7 @@ def effort_section(studies: Sequence[TaskStudy]) -> Section | None:
     if not demonstrations:
         return None
     columns = (
-        "task", "demonstrations", "of recordings", "recorded by", "steps each", "minutes",
+        "task", "randomness", "demonstrations", "of recordings", "recorded by", "steps each", "minutes",
         "critical states each", "marked by", "paper: steps each", "paper: recording, min", "paper: annotating, min",
     )  # fmt: skip
     return Section(
@@ -63,6 +63,7 @@ def _demonstrated(study: TaskStudy) -> Iterator[tuple[str, ...]]:
         marked = annotations.get(each.ref)
         yield (
             study.task,
+            logs.recipe.config["randomness"] if logs else "-",
             str(episodes),
             str(logs.summary["logs"]) if logs else str(len(each.recipe.files)),
             f"{logs.summary['device']}{temperament_of(logs)}" if logs else "people",

@@ -27,7 +27,7 @@ def test_minutes_of_demonstrations_are_the_same_in_both_tables(made, facts, minu
     section = effort_section([made.study])
     assert section is not None
     demonstrations, by_condition = section.tables
-    assert demonstrations.rows[0][5] == minutes
+    assert demonstrations.rows[0][6] == minutes
     assert by_condition.rows[0][:2] == ("BC", minutes)
 
 
@@ -113,8 +113,11 @@ def test_what_is_proposed_beside_the_labels_of_a_file_cost_nobody_a_minute(made)
     assert {row[0]: row[2] for row in section.tables[-1].rows} == {"TA": "1.0", "PROPOSED": "10.0"}
 
 
-def test_pages_say_of_which_temperament_the_operator_was(made):
-    for condition, config in (("bc", {}), ("hurried", {"temperament": {"kind": "human"}})):
+def test_pages_say_of_which_randomness_and_temperament_recordings_are(made):
+    for condition, config in (
+        ("bc", {"randomness": "low"}),
+        ("hurried", {"randomness": "med", "temperament": {"kind": "human"}}),
+    ):
         summary = {"device": "scripted operator", "logs": 2}
         logs = made.artifact("record", "logs", summary=summary, config={"task": "one_leg"} | config)
         summary = {"episodes": 2, "steps": 1200, "idle_steps_dropped": 0}
@@ -124,5 +127,6 @@ def test_pages_say_of_which_temperament_the_operator_was(made):
         made.evaluation(condition, made.artifact("train", "checkpoint", inputs={"episodes": (episodes,)}))
     section = effort_section([made.study])
     assert section is not None
-    assert [row[3] for row in section.tables[0].rows] == ["scripted operator", "scripted operator, human-like"]
+    rows = [(row[1], row[4]) for row in section.tables[0].rows]
+    assert rows == [("low", "scripted operator"), ("med", "scripted operator, human-like")]
     assert made.study.base == "2 demonstrations, recorded by a scripted operator, human-like"
