@@ -301,11 +301,11 @@ def _rank(cause: Cause) -> int:
 def compare(old: Recipe, new: Recipe) -> Iterator[Difference]:
     """Every difference between two recipes of one stage."""
     yield from _differences("inputs", _named(old.inputs), _named(new.inputs))
-    yield from _differences("config", _flat(old.config), _flat(new.config))
+    yield from _differences("config", old.config, new.config)
     # Which tasks they are follows from configuration and inputs.
     for task in sorted(old.tasks.keys() & new.tasks.keys()):
-        was, will_be = (_flat(_by_name(recipe.tasks[task]), f"{task}: ") for recipe in (old, new))
-        yield from _differences("tasks", was, will_be)
+        was, will_be = (_by_name(recipe.tasks[task]) for recipe in (old, new))
+        yield from _differences("tasks", was, will_be, f"{task}: ")
     if old.code != new.code:
         changed = list(_differences("code", old.modules, new.modules))
         # Without module versions there is only the version of the whole.
@@ -325,29 +325,22 @@ _NOUNS: Mapping[Part, str] = {
 """In the order in which they are told."""
 
 
-def _differences(part: Part, old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[Difference]:
+def _differences(part: Part, old: Mapping[str, Any], new: Mapping[str, Any], prefix: str = "") -> Iterator[Difference]:
+    """Every difference between nested mappings by dotted key; what stands in one alone is one, sections too."""
     for key in sorted(old.keys() | new.keys()):
+        name = f"{prefix}{key}"
         if key not in old:
-            yield Difference(part, key, "added", None, new[key])
+            yield Difference(part, name, "added", None, new[key])
         elif key not in new:
-            yield Difference(part, key, "removed", old[key], None)
+            yield Difference(part, name, "removed", old[key], None)
+        elif isinstance(old[key], Mapping) and isinstance(new[key], Mapping):
+            yield from _differences(part, old[key], new[key], f"{name}.")
         elif old[key] != new[key]:
-            yield Difference(part, key, "changed", old[key], new[key])
+            yield Difference(part, name, "changed", old[key], new[key])
 
 
 def _named(inputs: Mapping[str, Sequence[ArtifactRef]]) -> dict[str, list[str]]:
     return {role: [str(ref) for ref in refs] for role, refs in inputs.items()}
-
-
-def _flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Leaves of nested mappings by dotted key."""
-    flat: dict[str, Any] = {}
-    for key, value in config.items():
-        if isinstance(value, Mapping) and value:
-            flat |= _flat(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = value
-    return flat
 
 
 def _by_name(value: Any) -> Any:

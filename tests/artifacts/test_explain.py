@@ -69,6 +69,11 @@ def test_a_stage_that_never_ran_is_explained_as_such(store: ArtifactStore, recip
             "config key 'train.extra' is gone, it was null",
         ),
         (
+            {"config": {"steps": 10, "policy": {"width": 512, "name": "mlp"}, "extra": {"grasp": {"shift_m": 0.01}}}},
+            Difference("config", "extra", "changed", None, {"grasp": {"shift_m": 0.01}}),
+            'config key \'train.extra\' is {"grasp": {"shift_m": 0.01}}, it was null',
+        ),
+        (
             {"code": "new", "modules": {"juicer.seeding": "1", "juicer.geometry": "2"}},
             Difference("code", "juicer.geometry", "changed", "1", "2"),
             "code of 'juicer.geometry' changed",
