@@ -30,6 +30,16 @@ Overrides = Annotated[
         "see `juicer config`. Repeatable.",
     ),
 ]
+AnalysisOverrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        "-s",
+        metavar="KEY=VALUE",
+        help="Change a value of the analysis or of its rollouts, e.g. --set randomness=med or "
+        "--set evaluate.episodes=50. Repeatable.",
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for machines.")]
 Conditions = Annotated[
     list[str] | None,

@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from flows.command.arguments import (
+    AnalysisOverrides,
     ArtifactId,
     AsJson,
     CheckpointId,
@@ -282,7 +283,7 @@ def analyse(
     ],
     checkpoint: CheckpointId,
     task: TaskOfCheckpoint = None,
-    overrides: Overrides = None,
+    overrides: AnalysisOverrides = None,
     figure: Annotated[Path | None, typer.Option("--figure", help="File to write the figure to, as PNG.")] = None,
     as_json: AsJson = False,
 ) -> None:
