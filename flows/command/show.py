@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -161,4 +162,6 @@ def _say_section(title: str, content: Mapping[str, Any], indent: str = "") -> No
         if isinstance(value, dict) and value:
             _say_section(key, value, indent + "  ")
         else:
-            say(f"{indent}  {printable(key)}: {printable(value, LONGEST_VALUE)}")
+            # As configurations write it: true, null, ["a"]; texts without their quotes.
+            shown = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+            say(f"{indent}  {printable(key)}: {printable(shown, LONGEST_VALUE)}")

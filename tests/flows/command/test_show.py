@@ -193,3 +193,11 @@ def test_lists_are_complete_or_fail(capsys, store, refs):
     captured = capsys.readouterr()
     assert refs[1].id in captured.out
     assert f"the list is not complete: artifact {refs[0]} is damaged" in captured.err
+
+
+def test_values_are_shown_as_configurations_write_them(capsys, store):
+    recipe = Recipe("train", "checkpoint", config={"learn": True, "grasp": None, "names": ["a"], "kind": "mlp"})
+    with store.create(recipe) as draft:
+        (draft.path / "a.bin").write_bytes(b"1")
+    lines = [line.strip() for line in finish(capsys, "show", recipe.id).splitlines()]
+    assert {"learn: true", "grasp: null", 'names: ["a"]', "kind: mlp"} <= set(lines)
