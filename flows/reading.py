@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import reduce
-from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -118,8 +116,7 @@ def _assign(written: Written, assignments: Sequence[str], folder: Path | None) -
         for key in reversed(keys):
             value = {key: value}
         layer = Written(with_paths(value, folder, ASSIGNED), {keys: ASSIGNED})
-        value = reduce(getitem, keys, layer.values)
-        written = give_way(written, layer).replacing(keys, value, ASSIGNED)
+        written = give_way(written, layer).replacing(keys, layer.value(keys), ASSIGNED)
     return written
 
 
@@ -144,7 +141,7 @@ def _renamed(whole: Written, preset: str) -> Written:
     """The same with the preset in its name: with other networks, or other eyes, it is a study of its own."""
     named: list[tuple[str, ...]] = [(NAME_KEY,), *((TASKS_KEY, task, NAME_KEY) for task in whole.sections(TASKS_KEY))]
     for keys in named:
-        name = whole.below(*keys[:-1]).values.get(NAME_KEY)
+        name = whole.value(keys)
         if isinstance(name, str) and name != f"{DEFAULT_NAME}_{preset}":
             whole = whole.replacing(keys, f"{name}_{preset}", ASSIGNED)
     return whole

@@ -40,13 +40,16 @@ class Written:
         return next((self.places[keys[:end]] for end in range(len(keys), 0, -1) if keys[:end] in self.places), None)
 
     def holds(self, keys: Keys) -> bool:
-        """Whether something stands at these keys."""
-        values: Any = self.values
+        """Whether something stands at these keys, if only null."""
+        section = self.value(keys[:-1])
+        return isinstance(section, Mapping) and keys[-1] in section
+
+    def value(self, keys: Sequence[Any]) -> Any:
+        """What stands at these keys; None if nothing does."""
+        value: Any = self.values
         for key in keys:
-            if not isinstance(values, Mapping) or key not in values:
-                return False
-            values = values[key]
-        return True
+            value = value.get(key) if isinstance(value, Mapping) else None
+        return value
 
     def over(self, below: Written) -> Written:
         """This content laid over another: sections are merged, everything else is replaced."""
@@ -77,7 +80,7 @@ class Written:
         Raises:
             ConfigError: If one of the outer keys holds a value that is no section.
         """
-        picked, gone = _picked(self.below(*keys).values, value)
+        picked, gone = _picked(self.value(keys), value)
         replaced = {(*keys, *inner) for inner in gone}
         kept = {known: old for known, old in self.places.items() if not _is_below(known, replaced)}
         return Written(_replaced(self.values, keys, picked, place), {**kept, tuple(keys): place})
@@ -90,13 +93,10 @@ class Written:
         )
 
     def below(self, *outer: str) -> Written:
-        """The content of a section; an empty one if there is nothing in it."""
-        values: Any = self.values
-        for key in outer:
-            values = values.get(key) if isinstance(values, Mapping) else None
-        size = len(outer)
+        """The content of a section; an empty one if there is nothing in it, or it is none."""
+        section, size = self.value(outer), len(outer)
         places = {keys[size:]: place for keys, place in self.places.items() if keys[:size] == outer and keys[size:]}
-        return Written(values or {}, places)
+        return Written(section if isinstance(section, Mapping) else {}, places)
 
 
 def settled(written: Written) -> Written:
@@ -125,7 +125,7 @@ def settled(written: Written) -> Written:
             result = Written(
                 _replaced(result.values, (POLICIES_KEY, name), own.values, ""), {**places, **result.places}
             )
-        elif name not in shipped and isinstance(policies[name], Mapping) and not own.below("policy", "head").values:
+        elif name not in shipped and isinstance(policies[name], Mapping) and not own.value(("policy", "head")):
             raise ConfigError(f"{where}: a new policy must have a base or a policy.head{did_you_mean(name, shipped)}")
     return result
 
