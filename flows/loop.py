@@ -53,7 +53,7 @@ class ModelOutcome:
         checkpoint: The last one trained.
         evaluation: How it did.
         shifted: How it did under each shift, by name; none under one that it cannot notice.
-        finding: Why it learned from less than it should, as a sentence.
+        findings: Why it learned from less than it should, and what its evaluation says of itself, as clauses.
         observes: What it sees, and what it was taught with beside; empty if that is not known.
         analyses: What else was found out about it, by the names in the configuration.
         setting: What its condition changes in the configuration.
@@ -65,12 +65,17 @@ class ModelOutcome:
     seed: int
     checkpoint: ArtifactRef
     evaluation: ArtifactRef
-    finding: str = ""
+    findings: tuple[str, ...] = ()
     observes: str = ""
     analyses: Mapping[str, ArtifactRef] = field(default_factory=dict)
     shifted: Mapping[str, ArtifactRef | None] = field(default_factory=dict)
     setting: Setting = field(default_factory=Setting)
     method: str = ""
+
+    @property
+    def finding(self) -> str:
+        """All of them, as a sentence; empty if there are none."""
+        return "; ".join(self.findings)
 
 
 @dataclass(frozen=True)
@@ -149,7 +154,7 @@ def run_model(session: Session, config: RunConfig, name: str, seed: int) -> Mode
         seed=seed,
         checkpoint=checkpoint,
         evaluation=evaluation,
-        finding="; ".join(findings),
+        findings=tuple(findings),
         observes=observes,
         setting=condition.told_setting,
         method=condition.method,
@@ -192,11 +197,12 @@ def _evaluate_shifted(
 
 
 def evaluate_further(session: Session, config: RunConfig, model: ModelOutcome) -> ModelOutcome:
-    """The same model, evaluated on one more block of initial states."""
+    """The same model, evaluated on one more block of initial states; what the blocks before it said is replaced."""
     measured = config.loop(model.condition).evaluation
     evaluation = measure(session, model.checkpoint, measured, config.evaluate.stop, model.evaluation)
-    more = (finding for finding in _findings(session, evaluation) if finding not in model.finding)
-    return replace(model, evaluation=evaluation, finding="; ".join(filter(None, (model.finding, *more))))
+    superseded = _findings(session, model.evaluation)
+    kept = (finding for finding in model.findings if finding not in superseded)
+    return replace(model, evaluation=evaluation, findings=(*kept, *_findings(session, evaluation)))
 
 
 def _train_jointly(

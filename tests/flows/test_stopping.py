@@ -304,19 +304,23 @@ def test_one_condition_of_a_study_that_may_stop_is_run_alone_to_the_end():
     assert StudyConfig.model_validate(part.model_dump(mode="json")) == part
 
 
-def test_what_a_further_block_finds_is_told_once(tmp_path):
+def test_what_a_further_block_finds_replaces_what_the_blocks_before_it_said(tmp_path):
     store = ArtifactStore(tmp_path)
 
     def perform(call, session):
-        if call.stage.name == "evaluate" and "previous" in call.recipe.inputs:
+        said = {
+            "collect": "none of 4 succeeded",
+            "evaluate": f"{call.recipe.config.get('episodes')} episodes saw other images",
+        }
+        if call.stage.name in said and call.recipe.config.get("episodes") != 10:
             with store.create(call.recipe) as draft:
-                draft.summary |= {FINDING: "it saw other images"}
+                draft.summary |= {FINDING: said[call.stage.name]}
         return call.recipe.ref
 
     session = Session(store, perform)
     (config,) = parse_runs("base: smoke\nevaluate: {episodes: 30, stop: {every: 10, width: 0.1}}\n", "the run")
     model = run_model(session, config, "ta_ci", 0)
-    assert model.finding == ""
-    for _ in range(2):
+    assert model.findings == ("round 1: none of 4 succeeded",)
+    for episodes in (20, 30):
         model = evaluate_further(session, config, model)
-        assert model.finding == "it saw other images"
+        assert model.finding == f"round 1: none of 4 succeeded; {episodes} episodes saw other images"
