@@ -26,7 +26,7 @@ def give_way(written: Written, above: Written) -> Written:
     return written
 
 
-def told_of_tasks(written: Written) -> Written:
+def for_its_tasks(written: Written) -> Written:
     """The same with what it says by task said of the run, or the runs, that are for these tasks.
 
     Raises:

@@ -116,9 +116,9 @@ class Condition(StrictConfig):
     )
 
     @property
-    def told_setting(self) -> Setting:
+    def setting_in_words(self) -> Setting:
         """What it changes, in words."""
-        return Setting(changes=", ".join(_told(self.changes)), name=self.setting or "")
+        return Setting(changes=", ".join(_in_words(self.changes)), name=self.setting or "")
 
     @property
     def method(self) -> str:
@@ -163,10 +163,10 @@ def _says(changes: Any, key: str) -> bool:
     return isinstance(changes, Mapping) and first in changes and (not rest or _says(changes[first], rest))
 
 
-def _told(changes: Mapping[str, Any], outer: str = "") -> Iterator[str]:
+def _in_words(changes: Mapping[str, Any], outer: str = "") -> Iterator[str]:
     for key, value in changes.items():
         if isinstance(value, Mapping) and value:
-            yield from _told(value, f"{outer}{key}.")
+            yield from _in_words(value, f"{outer}{key}.")
         else:
             yield f"{outer}{key} {printable(value)}"
 

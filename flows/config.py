@@ -50,7 +50,7 @@ class FlowConfig(LoopConfig):
     def _settings_have_names_of_their_own(cls, conditions: dict[Name, Condition]) -> dict[Name, Condition]:
         named: dict[str, str] = {}
         for name, condition in conditions.items():
-            setting = condition.told_setting
+            setting = condition.setting_in_words
             if setting.name and named.setdefault(setting.name, setting.changes) != setting.changes:
                 raise ValueError(
                     f"{name}: the setting '{setting.name}' is the name of other changes as well; "
@@ -62,7 +62,7 @@ class FlowConfig(LoopConfig):
     def _is_possible(self, info: ValidationInfo) -> Self:
         _check_run(self, info.context or nowhere)
         stop = self.evaluate.stop
-        settings = [self.method(name).told_setting for name in self.chosen]
+        settings = [self.method(name).setting_in_words for name in self.chosen]
         is_whole = len(self.nameable) == len(self.conditions)
         if stop and stop.width is None and is_whole and (len(set(settings)) == len(settings) or not stop.comparison):
             raise ValueError(

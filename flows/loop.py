@@ -156,7 +156,7 @@ def run_model(session: Session, config: RunConfig, name: str, seed: int) -> Mode
         evaluation=evaluation,
         findings=tuple(findings),
         observes=observes,
-        setting=condition.told_setting,
+        setting=condition.setting_in_words,
         method=condition.method,
         analyses=_analyses(session, config, name, seed, checkpoint),
         shifted=_evaluate_shifted(session, config, name, checkpoint),

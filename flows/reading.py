@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from flows.by_task import give_way, lay_over, told_of_tasks
+from flows.by_task import for_its_tasks, give_way, lay_over
 from flows.conditions import defaults
 from flows.shipped import CONFIGS, PRESETS, find_configuration, find_preset, is_name, names, shipped_path
 from flows.written import (
@@ -92,7 +92,7 @@ def _assigned(written: Written, folder: Path | None, assignments: Sequence[str],
     whole = _over_base(written, folder, preset=preset)
     if preset and whole.values != _over_base(written, folder).values:
         whole = _renamed(whole, preset.resolve().stem)
-    return told_of_tasks(_assign(whole, [text for text in assignments if text not in bases], here))
+    return for_its_tasks(_assign(whole, [text for text in assignments if text not in bases], here))
 
 
 def _assign(written: Written, assignments: Sequence[str], folder: Path | None) -> Written:

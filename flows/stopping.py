@@ -117,7 +117,7 @@ def _width(result: ConditionResult) -> float:
     return high - low
 
 
-def told(study: TaskStudy, stop: StopConfig) -> str:
+def episodes_in_words(study: TaskStudy, stop: StopConfig) -> str:
     """How many episodes the models of each condition took, and why no more, for people."""
     reasons = open_conditions(study, stop)
     numbers = [

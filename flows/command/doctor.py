@@ -36,8 +36,8 @@ def examine_machine(as_json: bool) -> None:
     else:
         for each in found:
             remedy = f"; {each.verdict.remedy}" if each.verdict.remedy else ""
-            told = printable(f"{each.verdict.message}{remedy}", LONGEST_LINE)
-            say(f"{each.verdict.state.value:8} {each.name:10} {told}")
+            sentence = printable(f"{each.verdict.message}{remedy}", LONGEST_LINE)
+            say(f"{each.verdict.state.value:8} {each.name:10} {sentence}")
         say(_conclusion(len(problems), len(warnings)))
     if problems:
         raise typer.Exit(1)

@@ -92,10 +92,10 @@ def _differences(episode: Episode, row: EvaluationRow) -> Iterator[str]:
     if record.parts_assembled != row.parts_assembled:
         yield f"{record.parts_assembled} parts are assembled, not {row.parts_assembled}"
     if dict(record.milestones) != dict(row.milestones):
-        yield f"it reaches {_told(record.milestones)}, not {_told(row.milestones)}"
+        yield f"it reaches {_in_words(record.milestones)}, not {_in_words(row.milestones)}"
 
 
-def _told(milestones: Mapping[str, int]) -> str:
+def _in_words(milestones: Mapping[str, int]) -> str:
     return ", ".join(f"{name} at step {step}" for name, step in milestones.items()) or "no milestone"
 
 

@@ -38,8 +38,8 @@ def serve_pages(port: int | None, as_json: bool) -> None:
     with ExitStack() as stack:
         if not stack.enter_context(only_one(settings.folder, Pages)):
             where = find_pages(settings.folder)
-            told = f": {where}/?token={token_of(settings)}" if where else ""
-            raise ServiceUnavailable(f"the pages are already served{told}")
+            shown = f": {where}/?token={token_of(settings)}" if where else ""
+            raise ServiceUnavailable(f"the pages are already served{shown}")
         listener = stack.enter_context(listen(port, PORT, "juicer's pages"))
         address, token = f"http://{LOOPBACK}:{port_of(listener)}", token_of(settings)
         server = uvicorn.Server(

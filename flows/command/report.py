@@ -63,10 +63,10 @@ def _write(output: Path, title: str, facts: Mapping[str, str], studies: Sequence
     from juicer.study.markdown import write_markdown
     from juicer.study.sections import sections
 
-    told = sections(studies)
+    content = sections(studies)
     if output.suffix.lower() != HTML:
-        return write_markdown(output, title, facts, told)
-    write_page(ReportData(title, datetime.now(), facts, sections=told), output)
+        return write_markdown(output, title, facts, content)
+    write_page(ReportData(title, datetime.now(), facts, sections=content), output)
     return [output]
 
 
@@ -128,7 +128,7 @@ def _facts(
         "randomness, unless said otherwise": ", ".join(dict.fromkeys(run.randomness.value for run in runs)),
         **_joined([study.sources.origins() for study in studies]),
     }
-    return {name: told for name, told in facts.items() if told}
+    return {name: text for name, text in facts.items() if text}
 
 
 def _joined(tables: Sequence[Mapping[str, str]]) -> Mapping[str, str]:

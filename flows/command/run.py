@@ -86,13 +86,13 @@ def preview_flow(choice: Choice, as_json: bool) -> None:
         for call in calls
     ]
     say_table(["stage", "for", "", "took ", "why"], rows)
-    told = f"{len(calls) - len(to_come)} reused, {len(to_come)} to be computed"
+    forecast = f"{len(calls) - len(to_come)} reused, {len(to_come)} to be computed"
     if unknown < len(to_come):
-        told += f": about {duration(seconds)} or more, by how long the most similar ones took"
-        told += f"; {unknown} of them never ran and are not counted" if unknown else ""
+        forecast += f": about {duration(seconds)} or more, by how long the most similar ones took"
+        forecast += f"; {unknown} of them never ran and are not counted" if unknown else ""
     elif to_come:
-        told += ": none like them ever ran, so nobody knows how long they take"
-    say(told)
+        forecast += ": none like them ever ran, so nobody knows how long they take"
+    say(forecast)
     if any(call.stage == "select" for call in to_come):
         say("a selection that keeps nothing ends its round; here each is assumed to keep something")
 

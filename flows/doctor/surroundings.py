@@ -41,14 +41,14 @@ def check_proxies(settings: Settings) -> Iterator[Verdict]:
     if not proxies:
         yield ok("no proxy is set")
         return
-    told = ", ".join(f"{scheme} by {_without_password(url)}" for scheme, url in sorted(proxies.items()))
+    shown = ", ".join(f"{scheme} by {_without_password(url)}" for scheme, url in sorted(proxies.items()))
     if any(url.lower().startswith("socks") for url in proxies.values()) and not importlib.util.find_spec("socksio"):
-        yield warning(f"a SOCKS proxy is set ({told}) and the library for it is missing", "pip install socksio")
+        yield warning(f"a SOCKS proxy is set ({shown}) and the library for it is missing", "pip install socksio")
     elif urllib.request.proxy_bypass(LOOPBACK):
-        yield ok(f"proxies are set ({told}), and this machine's own servers are reached without them")
+        yield ok(f"proxies are set ({shown}), and this machine's own servers are reached without them")
     else:
         yield problem(
-            f"proxies are set ({told}), for this machine's own servers too",
+            f"proxies are set ({shown}), for this machine's own servers too",
             f"set NO_PROXY={LOOPBACK},localhost and no_proxy to the same",
         )
 
@@ -75,8 +75,8 @@ def check_ports(settings: Settings) -> Iterator[Verdict]:
         with socket.socket() as probe:
             probe.settimeout(CONNECT_SECONDS)
             in_use = probe.connect_ex((LOOPBACK, port)) == 0
-        told = "in use: by a server of yours, or `juicer ui` takes another" if in_use else "free"
-        yield ok(f"port {port}, {title(name)}'s usual one, is {told}")
+        state = "in use: by a server of yours, or `juicer ui` takes another" if in_use else "free"
+        yield ok(f"port {port}, {title(name)}'s usual one, is {state}")
 
 
 def check_tracking(settings: Settings) -> Iterator[Verdict]:

@@ -57,8 +57,8 @@ def _show(outcome: RunOutcome, config: RunConfig, store: ArtifactStore, pages: s
     for figure in sorted(store.open(outcome.report).glob("*.png")) if outcome.report else ():
         address = f"data:image/png;base64,{base64.b64encode(figure.read_bytes()).decode()}"
         key = figure.stem.replace("_", "-").lower()
-        told = _VARIED_IMAGES if figure.stem.startswith(VARIED) else figure.stem.replace("_", " ")
-        attempt(create_image_artifact, image_url=address, key=key, description=told)
+        caption = _VARIED_IMAGES if figure.stem.startswith(VARIED) else figure.stem.replace("_", " ")
+        attempt(create_image_artifact, image_url=address, key=key, description=caption)
     if pages and outcome.report:
         link = lineage_of(str(outcome.report), pages)
         attempt(

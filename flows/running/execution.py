@@ -14,7 +14,7 @@ from flows.config import RunConfig
 from flows.loop import ModelOutcome, evaluate_further, run_model
 from flows.running.settings import read_settings
 from flows.running.tracking import Tracking
-from flows.stopping import num_episodes, open_conditions, told
+from flows.stopping import episodes_in_words, num_episodes, open_conditions
 from juicer.artifacts.manifest import STATE
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
@@ -274,11 +274,11 @@ def write_report(session: Session, config: RunConfig, outcome: RunOutcome) -> Ar
 def _facts(config: RunConfig, outcome: RunOutcome, store: ArtifactStore) -> Mapping[str, str]:
     seen = dict.fromkeys(_SEEN.get(model.observes, model.observes) for model in outcome.models)
     loops = [config.loop(name) for name in config.chosen]
-    shifts = dict.fromkeys(_told(*entry) for name in config.chosen for entry in config.shifts_of(name).items())
+    shifts = dict.fromkeys(_in_words(*entry) for name in config.chosen for entry in config.shifts_of(name).items())
     stop = config.evaluate.stop
     episodes = " or ".join(dict.fromkeys(str(loop.evaluate.episodes) for loop in loops))
     if stop:
-        episodes = f"at most {episodes}: {told(_usual_study(store, config, outcome.models), stop)}"
+        episodes = f"at most {episodes}: {episodes_in_words(_usual_study(store, config, outcome.models), stop)}"
     return {
         "Task": config.task,
         "Randomness": ", ".join(config.levels),
@@ -289,7 +289,7 @@ def _facts(config: RunConfig, outcome: RunOutcome, store: ArtifactStore) -> Mapp
     }
 
 
-def _told(name: str, shift: Shift) -> str:
+def _in_words(name: str, shift: Shift) -> str:
     settings = ", ".join(f"{key} {value}" for key, value in shift.model_dump(exclude={"kind"}).items())
     return f"{name}: {shift.phrase} ({settings})"
 

@@ -56,14 +56,14 @@ class Tracking:
     def finish(self, outcome: ModelOutcome) -> None:
         """A model is done, whatever becomes of the others; what is known of it already is not told again."""
         model = self._describe(outcome.condition, outcome.seed)
-        told = {
+        update = {
             "title": outcome.title,
             "finding": outcome.finding,
             "evaluation": str(outcome.evaluation),
             "shifted": {name: str(ref) for name, ref in outcome.shifted.items() if ref},
             "unnoticed": tuple(name for name, ref in outcome.shifted.items() if ref is None),
         }
-        model = model.model_copy(update=told)
+        model = model.model_copy(update=update)
         if self._finished.get(model.key) != model:
             self._finished[model.key] = model
             self._recorder.note(model)

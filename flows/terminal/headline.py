@@ -20,11 +20,11 @@ def headline(summary: Mapping[str, Any]) -> str:
 def rejections(summary: Mapping[str, Any]) -> list[str]:
     """Why operator logs became no demonstrations, a line each."""
     # An augmentation counts its rejections instead.
-    told = {log: reason for log, reason in summary.get("rejections", {}).items() if isinstance(reason, str)}
-    reasons = [f"{log}: {reason}" for log, reason in told.items()]
+    reasons = {log: reason for log, reason in summary.get("rejections", {}).items() if isinstance(reason, str)}
+    lines = [f"{log}: {reason}" for log, reason in reasons.items()]
     # A summary repeats only so many reasons, but counts all.
-    more = summary.get("rejected", len(reasons)) - _REJECTIONS_SHOWN
-    return [*reasons[:_REJECTIONS_SHOWN], f"and {more} more; see `juicer show`"] if more > 0 else reasons
+    more = summary.get("rejected", len(lines)) - _REJECTIONS_SHOWN
+    return [*lines[:_REJECTIONS_SHOWN], f"and {more} more; see `juicer show`"] if more > 0 else lines
 
 
 def duration(seconds: float) -> str:

@@ -63,7 +63,7 @@ class Board:
         spoken = time.monotonic()
         with self._lock:
             work = self._forecast.begin((stage, label), spoken)
-        bar = self._bars.add_task(f"{stage} {label}", total=None, told="begins", facts="")
+        bar = self._bars.add_task(f"{stage} {label}", total=None, state="begins", facts="")
         if self._bars.disable:
             self.say(f"{_clock()}  {stage:9} {label:24} begins")
 
@@ -72,11 +72,11 @@ class Board:
             now = time.monotonic()
             with self._lock:
                 work.report(done, total, facts, now)
-            told, shown = _told(work, now), _facts(facts)
-            self._bars.update(bar, completed=done, total=total or None, told=told, facts=shown)
+            state, shown = _state(work, now), _facts(facts)
+            self._bars.update(bar, completed=done, total=total or None, state=state, facts=shown)
             if self._bars.disable and now - spoken >= PLAIN_SECONDS:
                 spoken = now
-                line = f"{told}  {shown}".rstrip()
+                line = f"{state}  {shown}".rstrip()
                 self.say(f"{_clock()}  {stage:9} {label:24} {line}; {self._total()}")
 
         return progress
@@ -125,7 +125,7 @@ class _Bars(Bars):
         super().__init__(
             TextColumn("{task.description}", markup=False),
             BarColumn(BAR_WIDTH),
-            TextColumn("{task.fields[told]}", markup=False),
+            TextColumn("{task.fields[state]}", markup=False),
             TextColumn("{task.fields[facts]}", style="dim", markup=False),
             console=console,
             transient=True,
@@ -142,7 +142,7 @@ def _clock() -> str:
     return time.strftime("%H:%M:%S")
 
 
-def _told(work: Work, now: float) -> str:
+def _state(work: Work, now: float) -> str:
     if work.share is None:
         count = f"{work.done}" if work.done else "begins"
     else:

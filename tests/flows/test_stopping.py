@@ -14,7 +14,7 @@ from flows.running.execution import RunOutcome, execute, run_models
 from flows.running.plan import evaluated_models, is_complete, plan
 from flows.running.tracking import Tracking
 from flows.runs import parse_runs
-from flows.stopping import StopConfig, open_conditions, told
+from flows.stopping import StopConfig, episodes_in_words, open_conditions
 from flows.terminal.progress import Board
 from juicer.artifacts.manifest import FINDING
 from juicer.artifacts.store import ArtifactStore
@@ -238,7 +238,7 @@ def test_both_must_be_settled_where_both_are_asked_for():
     bc, ta = condition("bc", "10" * 10), condition("ta", "1" * 20)
     assert open_conditions(study(bc, ta), StopConfig()) == {}
     assert open_conditions(study(bc, ta), StopConfig(width=0.3)) == {"bc": "not settled"}
-    assert told(study(bc, ta), StopConfig(width=0.3)) == (
+    assert episodes_in_words(study(bc, ta), StopConfig(width=0.3)) == (
         "bc 20 (not settled), ta 20; looked after every 25 whether all comparisons are decided and the interval is at "
         "most 30 points wide"
     )
