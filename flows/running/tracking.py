@@ -7,9 +7,10 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from flows.conditions import WORDS
-from flows.config import RunConfig
+from flows.config import MIX_KEY, RunConfig
 from flows.loop import ModelOutcome
-from flows.loop_config import DATA_KEYS
+from flows.loop_config import DATA_KEYS, LoopConfig
+from flows.written import PATH_KEYS
 from juicer.artifacts.code_version import code_version
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import canonical_json
@@ -18,23 +19,8 @@ from stages.runtime.names import STAGES
 from stages.tracking.model import Model
 from stages.tracking.recorder import Recorder
 
-_NOT_IDENTITY = {
-    "condition",
-    "conditions",
-    "curves",
-    "seed",
-    "seeds",
-    "flow",
-    "logs",
-    "labels",
-    "analyses",
-    "analysed_seed",
-    "left_out",
-    "shifts",
-    "shifted",
-    "mix",
-}
-"""Keys that make no model another one."""
+_IDENTITY = LoopConfig.model_fields.keys() - {*PATH_KEYS, "analyses", "shifts", MIX_KEY}
+"""Keys that make a model another one: those of the loop that it is made by, but for where people's files lie."""
 _SHARED_PARAMS = {"task", *DATA_KEYS, "evaluate", "shifts"}
 
 
@@ -103,7 +89,7 @@ class Tracking:
         content = {
             # What a condition changes is in its loop, and counts there like what the top level says.
             "made of": method.model_dump(mode="json", exclude={*WORDS, "changes"}),
-            "config": [each.model_dump(mode="json", exclude=_NOT_IDENTITY) for each in loops],
+            "config": [each.model_dump(mode="json", include=_IDENTITY) for each in loops],
             "code": self._code,
         }
         return hashlib.sha256(canonical_json(content).encode()).hexdigest()[:16]
