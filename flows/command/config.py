@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from flows.command.choice import Choice
-from flows.config import RunConfig
+from flows.config import MIX_KEY, RunConfig
 from flows.loop_config import LoopConfig
-from flows.runs import DEFAULT_FLOW, FLOW_KEY
+from flows.runs import FLOW_KEY
 from flows.terminal.output import say, say_json
 from flows.written import TASKS_KEY, Written
 from juicer.config import parse_config
@@ -18,6 +18,8 @@ from juicer.text import printable
 from juicer.yaml_reading import Keys, read_yaml
 
 _PLAIN = re.compile(r"[A-Za-z/~][A-Za-z0-9_./~-]*")
+_FIRST = (FLOW_KEY, "name", "task", "randomness")
+"""What a reader looks for first; then come the keys that make a run of a loop, such as its conditions and seeds."""
 _WIDEST = 72
 """Letters after which a comment no longer moves all others to the right."""
 
@@ -43,26 +45,24 @@ def print_configuration(choice: Choice, as_json: bool) -> None:
 
 def full_content(written: Written, runs: list[RunConfig]) -> dict[str, Any]:
     """What was written with all that was left open; of several tasks, only what each says for itself."""
-    first = runs[0]
-    content: dict[str, Any] = {FLOW_KEY: written.values.get(FLOW_KEY, DEFAULT_FLOW)}
-    of_one = ("conditions", "condition", "seed", "shifted")
-    of_study = ("conditions", "left_out", "seeds", "curves", "analysed_seed", "shifted")
-    own = of_study if content[FLOW_KEY] == "study" else of_one
-    tasks = written.values.get(TASKS_KEY)
-    of_flow = {**_defaults(first, own), **written.values} if tasks else first.model_dump(mode="json", include=set(own))
-    common = {key: value for key, value in written.values.items() if key in LoopConfig.model_fields}
-    loop = parse_config(common, LoopConfig, "the configuration", written.place).model_dump(mode="json", exclude={"mix"})
-    if tasks:
-        loop = {key: value for key, value in loop.items() if key != "task"}
-    content |= {key: loop.pop(key) for key in ("name", "task", "randomness") if key in loop}
-    loop = {key: of_flow[key] for key in own if of_flow.get(key) not in ({}, [], (), None)} | loop
-    content |= {key: value for key, value in loop.items() if not isinstance(value, dict)}
-    return content | loop | ({TASKS_KEY: tasks} if tasks else {})
+    run, tasks = runs[0], written.values.get(TASKS_KEY)
+    content = _of_all_tasks(written, type(run)) if tasks else run.model_dump(mode="json", exclude={MIX_KEY})
+    own = [key for key in content if key not in LoopConfig.model_fields]
+    content = {key: content[key] for key in (*_FIRST, *own) if key in content} | content
+    # Values before sections: below a section's heading they would read as its own.
+    values = {key: value for key, value in content.items() if not isinstance(value, dict)}
+    return values | content | ({TASKS_KEY: tasks} if tasks else {})
 
 
-def _defaults(run: RunConfig, keys: Iterable[str]) -> dict[str, Any]:
-    found = {key: type(run).model_fields[key].get_default(call_default_factory=True) for key in keys}
-    return {key: list(value) if key in ("conditions", "seeds") else value for key, value in found.items()}
+def _of_all_tasks(written: Written, flow: type[RunConfig]) -> dict[str, Any]:
+    """What is said of all tasks. No run can be made of it: it may name conditions that only a task defines."""
+    of_loop = {key: value for key, value in written.values.items() if key in LoopConfig.model_fields}
+    loop = parse_config(of_loop, LoopConfig, "the configuration", written.place)
+    of_flow = flow().model_dump(mode="json", exclude=set(LoopConfig.model_fields))
+    return {
+        **loop.model_dump(mode="json", exclude={"task", MIX_KEY}),
+        **{key: written.values.get(key, default) for key, default in of_flow.items()},
+    }
 
 
 def _origin(written: Written, keys: Keys) -> str | None:
