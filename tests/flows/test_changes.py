@@ -7,10 +7,12 @@ import re
 
 import PIL.Image
 import pytest
+from pydantic import ValidationError
 
 from flows.command.cli import call
 from flows.command.run import _say_outcome
-from flows.config import StudyConfig
+from flows.conditions import Condition
+from flows.config import CollectInferConfig, StudyConfig
 from flows.loop_config import LoopConfig
 from flows.running.execution import RunOutcome, _facts, execute
 from flows.running.plan import calls_of, evaluated_models, plan
@@ -97,6 +99,15 @@ def test_changes_of_a_model_for_several_tasks_reach_the_loops_of_all_of_them(tmp
         assert [each.record.demonstrations for each in run.loop("multitask").mix.values()] == [7, 7]
         assert [each.record.demonstrations for each in run.mix.values()] == [50, 50]
         assert run.loop("multitask").task == run.task
+
+
+OF_A_FLOW = {*CollectInferConfig.model_fields, *StudyConfig.model_fields} - LoopConfig.model_fields.keys()
+
+
+@pytest.mark.parametrize("key", sorted(OF_A_FLOW))
+def test_what_makes_a_run_of_a_loop_is_changed_by_no_condition(key):
+    with pytest.raises(ValidationError, match=f"'{key}' is said once for the whole run"):
+        Condition(title="Mine", changes={key: None})
 
 
 @pytest.mark.parametrize(
