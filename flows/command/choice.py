@@ -75,7 +75,7 @@ class Choice:
         Raises:
             ConfigError: As :meth:`runs` does.
         """
-        from flows.command.narrowing import with_model, with_part, with_tasks
+        from flows.command.narrowing import with_conditions, with_model, with_seeds, with_tasks
         from flows.config import StudyConfig
         from flows.written import TASKS_KEY, settled
 
@@ -84,9 +84,14 @@ class Choice:
         if self.tasks and written.values.get(TASKS_KEY) and not any(run.is_joint for run in part):
             written = with_tasks(written, self.tasks)
             whole = tuple(run for run in whole if run.task in self.tasks)
-        if studies := [run for run in whole if isinstance(run, StudyConfig)]:
-            return settled(with_part(written, studies, self.conditions, self.seeds))
-        return settled(with_model(written, self.conditions, self.seeds))
+        studies = [run for run in whole if isinstance(run, StudyConfig)]
+        if not studies:
+            return settled(with_model(written, self.conditions, self.seeds))
+        if self.conditions:
+            written = with_conditions(written, studies, self.conditions)
+        if self.seeds:
+            written = with_seeds(written, studies, self.seeds)
+        return settled(written)
 
     def runs(self) -> list[RunConfig]:
         """The chosen part, one run a task.

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 from flows.config import StudyConfig
 from flows.written import CONDITIONS_KEY, TASKS_KEY, Written
 
 SEEDS_KEY, CURVES_KEY = "seeds", "curves"
-_OPTIONS = {CONDITIONS_KEY: "--condition", SEEDS_KEY: "--seed"}
-_SETTLED = {CONDITIONS_KEY: "left_out", SEEDS_KEY: "analysed_seed"}
-"""What a part says of the whole when some of these are chosen."""
 
 
 def with_tasks(written: Written, tasks: Collection[str]) -> Written:
@@ -32,56 +30,66 @@ def with_model(written: Written, conditions: Sequence[str], seeds: Sequence[int]
     return written
 
 
-def with_part(
-    written: Written, whole: Sequence[StudyConfig], conditions: Sequence[str], seeds: Sequence[int]
-) -> Written:
-    """The same with some conditions and seeds, in the study's order.
+def with_conditions(written: Written, whole: Sequence[StudyConfig], names: Sequence[str]) -> Written:
+    """The same with some conditions, in the study's order; a task need not have them all.
 
     Args:
         written: What was written of the whole study.
         whole: The run for each of its tasks.
-        conditions: Their names; all of them where there are none. A task need not have them all.
-        seeds: Their numbers; all of them where there are none.
+        names: Of the conditions.
     """
-    chosen: dict[str, Sequence[str] | Sequence[int]] = {CONDITIONS_KEY: conditions, SEEDS_KEY: seeds}
-    chosen = {key: entries for key, entries in chosen.items() if entries}
-    unsaid = {key: list(dict.fromkeys(each for run in whole for each in getattr(run, key))) for key in chosen}
-    result = _narrowed(Written({**unsaid, **written.values}, written.places), chosen)
-    for task in written.sections(TASKS_KEY):
-        own = _narrowed(written.below(TASKS_KEY, task), chosen).without(*(_SETTLED[key] for key in chosen))
-        result = result.with_section((TASKS_KEY, task), own)
-    parts = [
-        run.narrowed([name for name in conditions if name in run.conditions], [n for n in seeds if n in run.seeds])
-        for run in whole
-    ]
-    for key in chosen:
-        option, told = _OPTIONS[key], _SETTLED[key]
-        settled = {part.task: part.model_dump(mode="json", include={told})[told] for part in parts}
-        common = settled[parts[0].task]
-        result = result.replacing((told,), common, option)
-        for task in (part.task for part in parts if settled[part.task] != common):
-            result = result.replacing((TASKS_KEY, task, told), settled[task], option)
-    return result
+    result = _saying(written, CONDITIONS_KEY, (name for run in whole for name in run.conditions))
+    for section in _sections(written):
+        result = _keeping(result, (*section, CONDITIONS_KEY), names, "--condition")
+        for curve in result.below(*section).sections(CURVES_KEY):
+            result = _keeping(result, (*section, CURVES_KEY, curve, CONDITIONS_KEY), names, "--condition")
+        curves = result.below(*section).sections(CURVES_KEY)
+        with_points = [curve for curve, own in curves.items() if CONDITIONS_KEY in (own or {})]
+        result = _keeping(result, (*section, CURVES_KEY), with_points, "--condition")
+    parts = [run.narrowed([name for name in names if name in run.conditions], []) for run in whole]
+    return _as_in_parts(result, {part.task: list(part.left_out) for part in parts}, "left_out", "--condition")
 
 
-def _narrowed(section: Written, chosen: Mapping[str, Sequence[str] | Sequence[int]]) -> Written:
-    """What is said of all tasks, or of one, without what is not chosen."""
-    for key, entries in chosen.items():
-        section = _keeping(section, key, entries, _OPTIONS[key])
-    if CONDITIONS_KEY not in chosen:
-        return section
-    for name in section.sections(CURVES_KEY):
-        curve = section.below(CURVES_KEY, name)
-        curve = _keeping(curve, CONDITIONS_KEY, chosen[CONDITIONS_KEY], _OPTIONS[CONDITIONS_KEY])
-        section = section.with_section((CURVES_KEY, name), curve)
-    with_points = [name for name, curve in section.sections(CURVES_KEY).items() if CONDITIONS_KEY in (curve or {})]
-    return _keeping(section, CURVES_KEY, with_points, _OPTIONS[CONDITIONS_KEY])
+def with_seeds(written: Written, whole: Sequence[StudyConfig], seeds: Sequence[int]) -> Written:
+    """The same with some seeds, in the study's order; a task need not have them all.
+
+    Args:
+        written: What was written of the whole study.
+        whole: The run for each of its tasks.
+        seeds: Their numbers.
+    """
+    result = _saying(written, SEEDS_KEY, (seed for run in whole for seed in run.seeds))
+    for section in _sections(written):
+        result = _keeping(result, (*section, SEEDS_KEY), seeds, "--seed")
+    return _as_in_parts(result, {run.task: run.first_seed for run in whole}, "analysed_seed", "--seed")
 
 
-def _keeping(section: Written, key: str, entries: Collection[str | int], option: str) -> Written:
-    """A section with some entries of a list, or of a section in it, and without it where none of them is there."""
-    said = section.values.get(key)
+def _sections(written: Written) -> list[tuple[str, ...]]:
+    """Where something is said: of all tasks, and of each."""
+    return [(), *((TASKS_KEY, task) for task in written.sections(TASKS_KEY))]
+
+
+def _saying(written: Written, key: str, default: Iterable[str | int]) -> Written:
+    """The same with what it leaves open, as one can only take away from what is said."""
+    return Written({key: list(dict.fromkeys(default)), **written.values}, written.places)
+
+
+def _keeping(written: Written, keys: tuple[str, ...], entries: Collection[str | int], option: str) -> Written:
+    """The same with some entries of a list or section, and without it where none of them is there."""
+    said = written.value(keys)
     if not isinstance(said, Mapping | list | tuple):
-        return section
-    kept = [each for each in said if each in entries]
-    return section.replacing((key,), kept, option) if kept else section.without(key)
+        return written
+    if kept := [each for each in said if each in entries]:
+        return written.replacing(keys, kept, option)
+    *outer, key = keys
+    return written.with_section(outer, written.below(*outer).without(key)) if outer else written.without(key)
+
+
+def _as_in_parts(written: Written, values: Mapping[str, Any], key: str, option: str) -> Written:
+    """The same with a value by task, said once for all tasks that have the first one's."""
+    common = next(iter(values.values()))
+    written = written.replacing((key,), common, option)
+    for task, value in values.items():
+        if value != common or written.holds((TASKS_KEY, task, key)):
+            written = written.replacing((TASKS_KEY, task, key), value, option)
+    return written
