@@ -211,7 +211,7 @@ def _picked(below: Any, above: Any) -> tuple[Any, set[Keys]]:
     """What replaces a value, and what is gone of it: names in a list pick entries of a section, in their order."""
     if not _are_names(above) or len(set(above)) < len(above) or not isinstance(below, Mapping) or not below:
         return above, {()}
-    return {name: below.get(name) for name in above}, {(name,) for name in below if name not in above}
+    return {name: below.get(name, {}) for name in above}, {(name,) for name in below if name not in above}
 
 
 def _are_names(value: Any) -> bool:

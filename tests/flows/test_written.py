@@ -337,6 +337,14 @@ def test_names_in_a_list_pick_from_what_is_said_by_task_as_well(tmp_path):
         assert run.policies["diffusion"].training.steps == 16000
 
 
+def test_names_that_a_task_picks_need_not_be_said_by_task_below(tmp_path):
+    path = write(
+        tmp_path / "run.yaml", "base: laptop\ntask: lamp\nby_task: {lamp: {policies: [diffusion, multitask]}}\n"
+    )
+    (run,) = load_runs(path)
+    assert [run.policies[name].training.steps for name in ("diffusion", "multitask")] == [16000, 64000]
+
+
 def test_what_is_said_by_task_can_be_left_out(tmp_path):
     for nothing in ("by_task=null", "by_task.lamp=null", "by_task={}"):
         (run,) = load_runs("demo", ["task=lamp", nothing])
