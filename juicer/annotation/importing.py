@@ -16,6 +16,7 @@ from juicer.episode import DemonstrationReader
 from juicer.errors import InvalidLabels
 from juicer.problems import first_problem
 from juicer.tasks.registry import get_task
+from juicer.tasks.specification import AssemblyTask
 
 
 def import_labels(
@@ -37,9 +38,11 @@ def import_labels(
         AnnotationsNotSaved: If the disk refuses.
     """
     stands = standing(read_versions(path))
-    num_critical_states = get_task(demonstrations.records[0].task).num_critical_states
+    task = get_task(demonstrations.records[0].task)
+    labels = list(labels)
+    _check_asked_for(labels, task)
     entries = []
-    for index, rows in labelled(demonstrations, labels, num_critical_states).items():
+    for index, rows in labelled(demonstrations, labels, task.num_critical_states).items():
         episode = demonstrations.read(index)
         for row in rows:
             known = stands.get((row.episode_id, row.critical_state))
@@ -50,6 +53,16 @@ def import_labels(
             after = known.newest if known else 0
             entries.append(_entry({**said, "after": after, "author": author, "tool": tool, "time": time}))
     return save(path, entries) if entries else []
+
+
+def _check_asked_for(labels: Iterable[Label], task: AssemblyTask) -> None:
+    further = range(task.num_critical_states, task.num_critical_states + len(task.further_states))
+    if label := next((each for each in labels if each.critical_state in further), None):
+        names = ", ".join(map(task.name_of, task.further_states))
+        raise InvalidLabels(
+            f"{label.where}: critical state {label.critical_state} is one of those that annotate.critical_states adds "
+            f"({names}); the page does not ask for them, so remove their rows, or give the file to a run as its labels"
+        )
 
 
 def _entry(content: Mapping[str, Any]) -> Entry:

@@ -109,10 +109,14 @@ def test_labels_go_in_as_what_somebody_said_and_come_out_again(
     assert "must be plain text" in complaint(capsys, "labels", episodes.id, str(labels), "--import-as", "\x1b[31m")
     both = ("--import-as", "Ada", "--numbered", str(labels))
     assert "does not go with --import-as" in complaint(capsys, "labels", episodes.id, str(labels), *both)
-    labels.unlink()
-    write_labels(labels, [Label("nobody.npz", 7, 0, "here")])
-    told = complaint(capsys, "labels", episodes.id, str(labels), "--import-as", "Bob")
-    assert "no demonstration of a recording 'nobody.npz'" in told
+    for label, reason in (
+        (Label("nobody.npz", 7, 0, "here"), "no demonstration of a recording 'nobody.npz'"),
+        (Label("demo.npz", 7, 1, "here"), "those that annotate.critical_states adds (grasp top, grasp leg, place top)"),
+        (Label("demo.npz", 7, 4, "here"), "there is no critical state 4; the task has 1"),
+    ):
+        labels.unlink()
+        write_labels(labels, [label])
+        assert reason in complaint(capsys, "labels", episodes.id, str(labels), "--import-as", "Bob")
 
 
 def test_an_episode_that_is_not_there_is_named(episodes: ArtifactRef, capsys: pytest.CaptureFixture[str]):
