@@ -369,7 +369,7 @@ def test_a_policy_learns_from_corrections_and_the_report_counts_the_human_minute
         assert told[f"{name}, min"] == f"{spent:.1f}"
     assert told["together, min"] == f"{sum(minutes.values()):.1f}"
     assert told["points a minute"] == "0.0"
-    assert of_demonstrations.rows[0][5] == told["demonstrations, min"]
+    assert of_demonstrations.rows[0][of_demonstrations.columns.index("minutes")] == told["demonstrations, min"]
     (row,) = rounds.tables[0].rows
     assert row[0] == "DAgger"
     assert row[1].startswith("0% (0% to ")

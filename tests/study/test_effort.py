@@ -27,7 +27,7 @@ def test_minutes_of_demonstrations_are_the_same_in_both_tables(made, facts, minu
     section = effort_section([made.study])
     assert section is not None
     demonstrations, by_condition = section.tables
-    assert demonstrations.rows[0][6] == minutes
+    assert demonstrations.rows[0][demonstrations.columns.index("minutes")] == minutes
     assert by_condition.rows[0][:2] == ("BC", minutes)
 
 
