@@ -221,13 +221,19 @@ class House:
         self._folder = folder
         self._patch = monkeypatch
         self._read: dict[Path, Source] = {}
+        self._found: dict[str, dict[str, set[str]]] = {}
         for package in PACKAGES:
             ignored = shutil.ignore_patterns("__pycache__")
             shutil.copytree(ROOT / package, folder / package, ignore=ignored)
         self.before = self._recipes()
 
     def again(self, change: Change) -> dict[str, set[str]]:
-        """What runs again after a change, by task; the change is taken back."""
+        """What runs again after a change, by task; the change is taken back, and none is made twice."""
+        if change.name not in self._found:
+            self._found[change.name] = self._after(change)
+        return self._found[change.name]
+
+    def _after(self, change: Change) -> dict[str, set[str]]:
         olds = {}
         for name, edit in change.edits:
             path = self._folder / name
