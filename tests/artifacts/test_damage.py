@@ -434,15 +434,18 @@ def test_damage_by_rights_is_not_taken_for_damage(
     store = ArtifactStore(open_place / "store")
     for path in (store.cache, *store.cache.rglob("*")):
         path.chmod(0o755 if path.is_dir() else 0o644)
+
+    def looked_at(ref: ArtifactRef) -> set[Nature]:
+        with pytest.raises(UnreadableArtifact):
+            store.open(ref)
+        return {finding.nature for finding in store.verify(ref)}
+
     for ref in store.refs():
         folder = store.cache / str(ref)
-        for path in [folder, *(path for path in folder.rglob("*"))]:
+        for path in [folder, *folder.rglob("*")]:
             before = path.stat().st_mode
             path.chmod(0)
             try:
-                natures = as_nobody(lambda ref=ref: {finding.nature for finding in store.verify(ref)})
-                assert natures == {Nature.UNREADABLE}, path
-                with pytest.raises(UnreadableArtifact):
-                    as_nobody(lambda ref=ref: store.open(ref))
+                assert as_nobody(lambda ref=ref: looked_at(ref)) == {Nature.UNREADABLE}, path
             finally:
                 path.chmod(before)
