@@ -105,8 +105,9 @@ def _known(store: ArtifactStore, runs: Sequence[RunConfig]) -> tuple[TaskStudy |
 def _is_alike(run: RunConfig, other: RunConfig) -> bool:
     """Whether conditions that change nothing mean the same in two configurations, but for their networks."""
     from flows.loop_config import DATA_KEYS
+    from flows.written import PATH_KEYS
 
-    return all(getattr(run, key) == getattr(other, key) for key in (*DATA_KEYS, "logs", "labels"))
+    return all(getattr(run, key) == getattr(other, key) for key in (*DATA_KEYS, *PATH_KEYS))
 
 
 def _of(run: RunConfig, model: ModelOutcome) -> ModelOutcome:

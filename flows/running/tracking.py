@@ -20,7 +20,7 @@ from stages.tracking.model import Model
 from stages.tracking.recorder import Recorder
 
 _IDENTITY = LoopConfig.model_fields.keys() - {*PATH_KEYS, "analyses", "shifts", MIX_KEY}
-"""Keys that make a model another one: those of the loop that it is made by, but for where people's files lie."""
+"""Keys that make a model another one: those of its loop, without paths and what is measured of it."""
 _SHARED_PARAMS = {"task", *DATA_KEYS, "evaluate", "shifts"}
 
 

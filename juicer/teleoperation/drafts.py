@@ -236,7 +236,7 @@ class LeftDraft:
 
 
 def left_in(*folders: Path) -> list[Path]:
-    """Drafts in some folders whose makers are gone, the latest first."""
+    """Drafts in some folders that nobody writes, also because the disk refuses it; the latest first."""
     times = {}
     for folder in folders:
         for path in folder.glob(f"[!.]*{SUFFIX}"):
@@ -258,12 +258,17 @@ def remove_draft(path: Path) -> None:
 
 
 def read_draft(path: Path) -> LeftDraft:
-    """Read a draft back, as far as it was written.
+    """Read a draft back, as far as it was written, to go on with it.
 
     Raises:
-        UnusableDraft: If it is none, or nothing was recorded yet.
+        UnusableDraft: If it is not a draft, nothing was recorded yet, or the disk lets nobody write it.
     """
     where = f"draft '{printable(path)}'"
+    if refusal := _refusal(path):
+        raise UnusableDraft(
+            f"nobody can go on with {where}, as it cannot be written ({refusal}); mount its disk for writing, or see "
+            "to its permissions, and reload this page"
+        )
     try:
         first, *lines = read_bounded(path, MOST_BYTES).splitlines(keepends=True)
         content = json.loads(first)
@@ -345,5 +350,16 @@ def _is_left(path: Path) -> bool:
     try:
         os.close(_locked(path, os.O_NONBLOCK))
     except OSError:
-        return False
+        return bool(_refusal(path))
     return True
+
+
+def _refusal(path: Path) -> str:
+    """Why the disk does not let a draft be written; empty if it does, or the draft is gone."""
+    try:
+        os.close(os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NONBLOCK))
+    except FileNotFoundError:
+        return ""
+    except OSError as error:
+        return error.strerror or str(error)
+    return ""

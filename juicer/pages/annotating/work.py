@@ -1,4 +1,4 @@
-"""What is to be judged: demonstrations and their critical states, as the page is told of them."""
+"""What is to be judged: demonstrations and their critical states, in the form that the page gets."""
 
 from __future__ import annotations
 

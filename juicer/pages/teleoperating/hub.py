@@ -12,14 +12,14 @@ from typing import Any
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ConfigError, DeviceUnavailable, RefusedMessage, did_you_mean
 from juicer.pages.browsing.episodes import recorded_episode
-from juicer.pages.teleoperating.interrupted import interrupted, read_interrupted, told_of
+from juicer.pages.teleoperating.interrupted import interrupted, shown
 from juicer.pages.teleoperating.under_way import UnderWay
 from juicer.pages.teleoperating.wire import Begin, Correct, Order, Pace, Resume
 from juicer.tasks.registry import TASK_NAMES
 from juicer.tasks.specification import Randomness
 from juicer.teleoperation.choice import Choice
 from juicer.teleoperation.controls import ControllerState, Controls
-from juicer.teleoperation.drafts import LeftDraft, remove_draft
+from juicer.teleoperation.drafts import LeftDraft, read_draft, remove_draft
 from juicer.teleoperation.key_maps import DEFAULT, DESCRIPTIONS, PRESETS, KeyMap, Motion, find_key_map, read_key_map
 from juicer.teleoperation.logs import Logs
 from juicer.teleoperation.messages import MessageReader
@@ -215,7 +215,7 @@ class Hub:
             remove_draft(found[0])
             self._wake_all()
         else:
-            await self._start(client, order, lambda: self._resumed(read_interrupted(found[0]), order))
+            await self._start(client, order, lambda: self._resumed(read_draft(found[0]), order))
 
     def _check_drives(self, client: Client) -> None:
         if self._session and not self.drives(client):
@@ -303,7 +303,7 @@ class Hub:
             "drives": self.drives(client),
             "is_driven": self._driver is not None,
             "going_on": self._session is not None,
-            "drafts": [] if self._session else [told_of(path) for path in interrupted(self.folder)],
+            "drafts": [] if self._session else [shown(path) for path in interrupted(self.folder)],
             "key_list": _shown_keys(self._key_map),
             "spacemouse": self._mouse is not None,
         }
