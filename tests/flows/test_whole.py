@@ -145,37 +145,41 @@ def test_single_stage_is_forced_to_run_again_with_the_same_id(data, first, serve
     assert "evaluate  bc seed 0                begins" in err
 
 
-def test_damaged_checkpoint_is_repaired(data, first):
+def test_damaged_checkpoint_is_repaired(data, first, server):
     checkpoint = first["models"][0]["checkpoint"]
     weights = data / checkpoint / "weights.safetensors"
     whole = weights.read_bytes()
     weights.write_bytes(whole[:-1] + b"x")
-    _, err = finish(juicer(data, "evaluate", checkpoint, "-n", "1", "--seed-start", "9"), status=1)
+    evaluate = ("evaluate", checkpoint, "-n", "1", "--seed-start", "9")
+    _, err = finish(juicer(data, *evaluate, server=server), status=1)
     assert f"recompute it with `juicer repair {checkpoint.partition('/')[2]}`" in err
-    finish(juicer(data, "repair", checkpoint))
+    finish(juicer(data, "repair", checkpoint, server=server))
     assert weights.read_bytes() == whole
-    finish(juicer(data, "evaluate", checkpoint, "-n", "1", "--seed-start", "9", "--inference-steps", "1"))
+    finish(juicer(data, *evaluate, "--inference-steps", "1", server=server))
 
 
-def test_any_checkpoint_is_analysed_and_its_figure_written(data, first, tmp_path):
+def test_any_checkpoint_is_analysed_and_its_figure_written(data, first, server, tmp_path):
     checkpoint, figure = first["models"][0]["checkpoint"], tmp_path / "samples.png"
     settings = ("--set", "analyses.sampling.samples=20", "--set", "analyses.sampling.inference_steps=[1, 2]")
-    out, _ = finish(juicer(data, "analyse", "sampling", checkpoint, *settings, "--figure", str(figure)))
+    analyse = ("analyse", "sampling", checkpoint, *settings, "--figure")
+    out, _ = finish(juicer(data, *analyse, str(figure), server=server))
     assert "20 samples of an action at step" in out
     assert figure.read_bytes().startswith(b"\x89PNG")
-    _, err = finish(juicer(data, "analyse", "sampling", checkpoint, *settings, "--figure", str(tmp_path)), status=1)
+    _, err = finish(juicer(data, *analyse, str(tmp_path)), status=1)
     assert "must end in .png" in err
 
 
-def test_a_checkpoint_is_measured_under_a_shift_from_the_command_line(data, first):
+def test_a_checkpoint_is_measured_under_a_shift_from_the_command_line(data, first, server):
     checkpoint = first["models"][0]["checkpoint"]
     arguments = ("evaluate", checkpoint, "-n", "1", "--seed-start", "9", "--shift")
-    assert "success 0% of 1 episodes, with other friction (" in finish(juicer(data, *arguments, "friction"))[0]
-    ref = json.loads(finish(juicer(data, *arguments, "{kind: friction, factor: 0.7}", "--json"))[0])["evaluation"]
+    with_less = (*arguments, "{kind: friction, factor: 0.7}")
+    out, _ = finish(juicer(data, *with_less, server=server))
+    assert "success 0% of 1 episodes, with other friction (" in out
+    ref = json.loads(finish(juicer(data, *with_less, "--json"))[0])["evaluation"]
     assert ArtifactStore(data).manifest(ArtifactRef.parse(ref)).recipe.config["shift"]["factor"] == 0.7
     _, err = finish(juicer(data, *arguments, "pusch"), status=1)
     assert "kind must be one of outside, push, friction, light, camera" in err
-    _, err = finish(juicer(data, *arguments, "light"), status=1)
+    _, err = finish(juicer(data, *arguments, "light", server=server), status=1)
     assert "the policy sees no images, so it cannot notice a shift of kind 'light'" in err
 
 

@@ -231,9 +231,15 @@ def juicer(tmp_path):
         end(process)
 
 
+@pytest.fixture(scope="session")
+def served(tmp_path_factory):
+    """A data folder that each test leaves to the next: servers take long to make their databases."""
+    return tmp_path_factory.mktemp("served") / "data"
+
+
 @pytest.fixture
-def ui(tmp_path):
-    """``juicer ui`` on an empty data folder: its process, what it says, the folder."""
-    process, said = start_ui(tmp_path / "data", tmp_path)
-    yield process, said, tmp_path / "data"
+def ui(served, tmp_path):
+    """``juicer ui``: its process, what it says, the data folder."""
+    process, said = start_ui(served, tmp_path)
+    yield process, said, served
     end(process)

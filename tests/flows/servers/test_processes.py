@@ -20,6 +20,7 @@ from flows.servers.process import cause_of
 from flows.servers.temporary import TemporaryServer
 from flows.servers.watch import ServerWatch
 from juicer.errors import ConfigError, ServiceUnavailable
+from tests.flows.servers.conftest import prefect
 
 SMOKE = str(Path(__file__).parents[3] / "configs" / "smoke.yaml")
 LOSS = "juicer: the Prefect server went away; what was made is in the store, the same command goes on from there"
@@ -131,9 +132,15 @@ def test_temporary_server_ends_with_the_run_that_is_killed(tmp_path, moment):
     assert gone([number])
 
 
+@pytest.fixture(scope="module")
+def database(tmp_path_factory):
+    """Address of a database that each test leaves to the next: a server takes long to make one."""
+    return f"sqlite+aiosqlite:///{tmp_path_factory.mktemp('database') / 'prefect.db'}"
+
+
 @pytest.fixture
-def temporary(tmp_path, monkeypatch):
-    monkeypatch.setenv(DATABASE_VARIABLE, f"sqlite+aiosqlite:///{tmp_path / 'prefect.db'}")
+def temporary(database, monkeypatch):
+    monkeypatch.setenv(DATABASE_VARIABLE, database)
     server = TemporaryServer()
     yield server
     server.stop()
@@ -210,8 +217,10 @@ def test_unknown_server_is_refused(juicer, tmp_path):
     assert "there is no server 'prefct'; did you mean 'prefect'?" in process.communicate(timeout=60)[1]
 
 
-def test_flow_run_whose_process_was_killed_is_marked_crashed(servers, tmp_path):
-    server = servers["prefect"]
+def test_flow_run_whose_process_was_killed_is_marked_crashed(temporary, tmp_path):
+    temporary.wait(120)
+    address = temporary.variables[API_VARIABLE]
+    server = prefect(address.removesuffix("/api"), temporary.variables[PASSWORD_VARIABLE], tmp_path, tmp_path)
     flow = server.post("/api/flows/", {"name": "killed"})["id"]
     running = {"type": "RUNNING", "name": "Running"}
     runs = [server.post("/api/flow_runs/", {"flow_id": flow, "state": running})["id"] for _ in range(3)]
@@ -224,7 +233,7 @@ def test_flow_run_whose_process_was_killed_is_marked_crashed(servers, tmp_path):
             (tmp_path / FOLDER / run).touch()
         (tmp_path / FOLDER / "00000000-0000-0000-0000-000000000000").touch()
         (tmp_path / FOLDER / "nonsense").touch()
-        mark_crashed(tmp_path, f"{server.url}/api", server.password)
+        mark_crashed(tmp_path, address, server.password)
         states = [server.read(f"/api/flow_runs/{run}")["state_type"] for run in runs]
         assert states == ["CRASHED", "RUNNING", "COMPLETED"]
         assert server.read(f"/api/task_runs/{task_run}")["state_type"] == "CRASHED"

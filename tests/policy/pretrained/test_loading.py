@@ -203,10 +203,12 @@ def test_a_damaged_file_of_long_ago_is_refused_whatever_is_damaged(store, folder
     buffer = io.BytesIO()
     torch.save({"conv1.weight": torch.zeros(4)}, buffer, _use_new_zipfile_serialization=False)
     content = buffer.getvalue()
+    backbone = build_backbone(ResNetConfig(), (64, 64))
     for place in range(2, len(content), 3):
         damaged = content[:place] + bytes([content[place] ^ 0x5A]) + content[place + 1 :]
-        with pytest.raises(UnusableWeights):
-            filled(ResNetConfig(), store(damaged), folder)
+        backbone.config = ResNetConfig(weights=store(damaged))
+        with pytest.raises(UnusableWeights, match=r"'mine\.pth'"):
+            load_pretrained(torch.nn.Sequential(backbone), folder)
 
 
 def test_a_licence_that_allows_no_commercial_use_is_said_once(store, folder, caplog):

@@ -60,7 +60,7 @@ TRAINING = TrainingConfig(
     save_every=5,
 )
 CONFIG = TrainConfig(policy=POLICY, training=TRAINING)
-LONG = CONFIG.model_copy(update={"training": TRAINING.model_copy(update={"steps": 1500, "validate_every": 1500})})
+LONG = CONFIG.model_copy(update={"training": TRAINING.model_copy(update={"steps": 400, "validate_every": 400})})
 TWO = Machine(processes=2)
 
 
