@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from flows.config import RunConfig
 from flows.running.plan import PlannedCall, explainer, plan
 from juicer.artifacts.explain import Explanation
+from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 
 REPORT = "report"
+AMOUNTS: Mapping[str, Sequence[str]] = {
+    "record": ("demonstrations",),
+    "augment": ("num_snippets",),
+    "train": ("training", "steps"),
+    "collect": ("successes",),
+    "evaluate": ("episodes",),
+}
+"""Where the settings of a stage say how much there is to do: it takes as much longer as that is more."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +35,7 @@ class PreviewedCall:
         ref: The artifact; none for a report whose evaluations are not made yet.
         is_reused: Whether the artifact is in the store.
         reason: Why it would be computed: the first root of the miss; empty if it is reused.
-        seconds: How long it took, or the most similar one if it is to be computed; none if there was none.
+        seconds: How long it took, or will if it takes its time like the most similar one; none if there was none.
         ends: Seconds from the beginning of its run to its end if nothing has to wait for a free worker; what is not
             known takes none.
     """
@@ -86,7 +96,18 @@ def total_seconds(runs: Sequence[Sequence[PreviewedCall]], workers: int) -> floa
 def _seconds(store: ArtifactStore, entry: PlannedCall, explanation: Explanation) -> float | None:
     if entry.exists:
         return store.manifest(entry.ref).seconds
-    return explanation.nearest.seconds if explanation.nearest else None
+    if explanation.nearest is None:
+        return None
+    before, now = _amount(explanation.nearest.recipe), _amount(entry.call.recipe)
+    return explanation.nearest.seconds * (now / before if before and now else 1.0)
+
+
+def _amount(recipe: Recipe) -> int | None:
+    """How much there is to do; none if the settings do not say it, or are of a time when others did."""
+    amount: Any = recipe.config
+    for key in AMOUNTS.get(recipe.stage, ()):
+        amount = amount.get(key) if isinstance(amount, Mapping) else None
+    return amount if isinstance(amount, int) else None
 
 
 def _reason(explanation: Explanation) -> str:

@@ -88,7 +88,7 @@ def preview_flow(choice: Choice, as_json: bool) -> None:
     say_table(["stage", "for", "", "took ", "why"], rows)
     forecast = f"{len(calls) - len(to_come)} reused, {len(to_come)} to be computed"
     if unknown < len(to_come):
-        forecast += f": about {duration(seconds)} or more, by how long the most similar ones took"
+        forecast += f": about {duration(seconds)} or more, if they take their time like the most similar ones"
         forecast += f"; {unknown} of them never ran and are not counted" if unknown else ""
     elif to_come:
         forecast += ": none like them ever ran, so nobody knows how long they take"

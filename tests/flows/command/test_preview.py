@@ -110,6 +110,36 @@ def test_a_dry_run_tells_what_is_reused_and_why_the_rest_is_not(store):
     assert calls["report", ""].ref is None
 
 
+@pytest.mark.parametrize(
+    ("stage", "setting", "share"),
+    [
+        ("record", "record.demonstrations=25", 1 / 2),
+        ("augment", "augment.num_snippets=1728", 2),
+        ("train", "policies.diffusion.training.steps=24000", 3),
+        ("collect", "collect.successes=10", 1 / 5),
+        ("evaluate", "evaluate.episodes=400", 4),
+        ("annotate", "annotate.critical_states=task", 1),
+    ],
+)
+def test_a_stage_that_has_more_to_do_is_said_to_take_longer(store, stage, setting, share):
+    found = explained(store, stage, setting).items()
+    expected = {label: each.nearest.seconds * share for label, each in found if each.nearest}
+    (calls,) = preview(store, [config_with(setting)])
+    told = {each.label: each.seconds for each in calls if each.stage == stage and not each.is_reused}
+    assert told == pytest.approx(expected)
+    assert told
+
+
+@pytest.mark.parametrize("settings", [{}, {"training": 8000}, {"training": {"steps": "many"}}])
+def test_an_artifact_of_a_time_with_other_settings_tells_how_long_the_like_took(tmp_path, settings):
+    store = ArtifactStore(tmp_path / "data")
+    train = next(entry.call.recipe for entry in planned_with(store) if entry.stage == "train")
+    with store.create(replace(train, config=settings)):
+        pass
+    (calls,) = preview(store, [config_with()])
+    assert {each.seconds for each in calls if each.stage == "train"} == {store.list()[0].seconds}
+
+
 def test_a_dry_run_of_everything_there_has_nothing_to_compute(store):
     (config,) = load_runs(DEMO)
     (calls,) = preview(store, [config])
