@@ -42,8 +42,6 @@ fi
 suitable "$VENV/bin/python" || fail "$VENV holds a Python older than 3.11; remove it and start again."
 
 pip=("$VENV/bin/python" -m pip --disable-pip-version-check --no-input)
-# pip compiles one file after the other; all are compiled at the end, on every core.
-install=("${pip[@]}" install --no-compile --constraint constraints.txt)
 progress=on
 [ -t 1 ] || progress=off
 
@@ -51,11 +49,12 @@ progress=on
 torch=$(grep '^torch==' constraints.txt)
 if [[ $("${pip[@]}" freeze) != *"$torch"* ]]; then
     echo "juicer set-up: installing $torch"
-    "${install[@]}" --progress-bar="$progress" ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} torch ||
+    "${pip[@]}" install --no-compile --progress-bar="$progress" --constraint constraints.txt \
+        ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} torch ||
         fail "$torch cannot be installed; see 'Which build of torch' in README.md."
 fi
 echo "juicer set-up: installing juicer and what it needs (some minutes, about 2 GB)"
-"${install[@]}" --quiet --editable ".[dev]" ||
+"${pip[@]}" install --no-compile --quiet --constraint constraints.txt --editable ".[dev]" ||
     fail "the dependencies cannot be installed; pip's message is above."
-# Some libraries bring files that are not meant to compile.
+# pip would compile one file after the other. Some libraries bring files that are not meant to compile.
 "$VENV/bin/python" -m compileall -qq -j 0 "$VENV"/lib/python3.*/site-packages || true
