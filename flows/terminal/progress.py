@@ -28,13 +28,22 @@ _TOLD_OTHERWISE = (SECONDS_LEFT, EXPECTED_STEPS)
 class Board:
     """Shows which stages run, how far they are, and how long the rest may take; to be used in a ``with`` statement."""
 
-    def __init__(self, console: Console | None = None, workers: int = 1) -> None:
-        """Show on a console, standard error by default."""
+    def __init__(
+        self, console: Console | None = None, workers: int = 1, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        """Begin with nothing to show.
+
+        Args:
+            console: Where it is shown; standard error by default.
+            workers: Stages that run at a time.
+            clock: Gives the time, in seconds since whenever.
+        """
         self.console = console or Console(stderr=True, highlight=False)
         # Not to be held while something is printed: what prints asks for the line about the whole run.
         self._lock = threading.Lock()
         self._forecast = Forecast(workers)
-        self._started = time.monotonic()
+        self._clock = clock
+        self._started = clock()
         self._finished = 0
         self._bars = _Bars(self.console, self._total)
 
@@ -60,16 +69,16 @@ class Board:
 
     def started(self, stage: str, label: str) -> Progress:
         """A stage begins."""
-        spoken = time.monotonic()
+        spoken = self._clock()
         with self._lock:
             work = self._forecast.begin((stage, label), spoken)
         bar = self._bars.add_task(f"{stage} {label}", total=None, state="begins", facts="")
         if self._bars.disable:
-            self.say(f"{_clock()}  {stage:9} {label:24} begins")
+            self.say(f"{_time_of_day()}  {stage:9} {label:24} begins")
 
         def progress(done: int, total: int, **facts: float | str) -> None:
             nonlocal spoken
-            now = time.monotonic()
+            now = self._clock()
             with self._lock:
                 work.report(done, total, facts, now)
             state, shown = _state(work, now), _facts(facts)
@@ -77,21 +86,21 @@ class Board:
             if self._bars.disable and now - spoken >= PLAIN_SECONDS:
                 spoken = now
                 line = f"{state}  {shown}".rstrip()
-                self.say(f"{_clock()}  {stage:9} {label:24} {line}; {self._total()}")
+                self.say(f"{_time_of_day()}  {stage:9} {label:24} {line}; {self._total()}")
 
         return progress
 
     def finished(self, stage: str, label: str, state: str, summary: Mapping[str, Any]) -> None:
         """A stage is over."""
         with self._lock:
-            seconds = self._forecast.end((stage, label), time.monotonic(), is_done=state == "done")
+            seconds = self._forecast.end((stage, label), self._clock(), is_done=state == "done")
             self._finished += state in ("done", "reused")
         for bar in self._bars.tasks:
             if bar.description == f"{stage} {label}":
                 self._bars.remove_task(bar.id)
         mark, colour = _MARKS[state]
         took = f"{state if seconds is None else duration(seconds):>8}"
-        text = f"{_clock()}  {mark} {stage:9} {label:24} {took}  {headline(summary)}"
+        text = f"{_time_of_day()}  {mark} {stage:9} {label:24} {took}  {headline(summary)}"
         self.console.print(Text(text.rstrip(), style=colour if state == "failed" else ""), soft_wrap=True)
         for rejection in rejections(summary) if state == "done" else ():
             self.say(f"            {rejection}")
@@ -104,12 +113,12 @@ class Board:
     def seconds_left(self) -> tuple[float, bool]:
         """Wall time until everything expected is done, and whether nothing is missing in that estimate."""
         with self._lock:
-            return self._forecast.seconds_left(time.monotonic())
+            return self._forecast.seconds_left(self._clock())
 
     def _total(self) -> str:
         seconds, is_complete = self.seconds_left()
         waiting = len(self._forecast.expected)
-        so_far = f"{duration(time.monotonic() - self._started)} so far, {self._finished} stages done"
+        so_far = f"{duration(self._clock() - self._started)} so far, {self._finished} stages done"
         if not waiting:
             return so_far
         if seconds < 1 and not is_complete:
@@ -138,7 +147,7 @@ class _Bars(Bars):
         yield Text(self._total(), style="dim")
 
 
-def _clock() -> str:
+def _time_of_day() -> str:
     return time.strftime("%H:%M:%S")
 
 

@@ -8,7 +8,6 @@ import time
 import pytest
 from rich.console import Console
 
-from flows.terminal import progress as board_module
 from flows.terminal.progress import Board
 
 
@@ -17,17 +16,31 @@ def output():
     return io.StringIO()
 
 
+class Clock:
+    def __init__(self):
+        self.seconds = 1000.0
+
+    def __call__(self):
+        return self.seconds
+
+
 @pytest.fixture
-def board(output):
-    return Board(Console(file=output, width=160), workers=2)
+def clock():
+    return Clock()
 
 
-def test_plain_lines_tell_beginning_advance_time_left_and_end(board, output, monkeypatch):
-    monkeypatch.setattr(board_module, "PLAIN_SECONDS", 0.0)
+@pytest.fixture
+def board(output, clock):
+    return Board(Console(file=output, width=160), workers=2, clock=clock)
+
+
+def test_plain_lines_tell_beginning_advance_time_left_and_end(board, output, clock):
     with board:
         board.expect({("train", "bc seed 0"): None, ("evaluate", "bc seed 0"): 60.0})
         progress = board.started("train", "bc seed 0")
-        time.sleep(0.01)
+        clock.seconds += 14
+        progress(49, 200, loss=0.5)
+        clock.seconds += 6
         progress(50, 200, loss=0.25)
         board.finished("train", "bc seed 0", "done", {"headline": "steps 200, loss 0.125"})
         board.finished("evaluate", "bc seed 0", "reused", {})
@@ -35,8 +48,8 @@ def test_plain_lines_tell_beginning_advance_time_left_and_end(board, output, mon
     assert "train     bc seed 0" in lines[0]
     assert "begins" in lines[0]
     assert "50/200  25%" in lines[1]
-    assert "left  loss 0.25" in lines[1]
-    assert "2 to go, about 0:30 left" in lines[1]
+    assert "1:00 left  loss 0.25" in lines[1]
+    assert "0:20 so far, 0 stages done, 2 to go, about 1:00 left" in lines[1]
     assert "✓ train" in lines[2]
     assert "steps 200, loss 0.125" in lines[2]
     assert "reused" in lines[3]
@@ -48,11 +61,12 @@ def test_an_artifact_of_an_earlier_version_has_its_counts_for_a_headline(board, 
     assert "reused  episodes 8, successes 3\n" in output.getvalue()
 
 
-def test_a_plain_line_without_facts_has_no_gap(board, output, monkeypatch):
-    monkeypatch.setattr(board_module, "PLAIN_SECONDS", 0.0)
+def test_a_plain_line_without_facts_has_no_gap(board, output, clock):
     with board:
-        board.started("replay", "episode.mp4")(1, 2)
-    assert " left; 0:00 so far" in output.getvalue()
+        progress = board.started("replay", "episode.mp4")
+        clock.seconds += 15
+        progress(1, 2)
+    assert "0:15 left; 0:15 so far" in output.getvalue()
 
 
 def test_estimate_admits_what_it_does_not_know(board):
@@ -64,7 +78,7 @@ def test_estimate_admits_what_it_does_not_know(board):
 
 def test_own_estimate_of_a_stage_is_believed(board):
     board.started("train", "a")(1, 1000, seconds_left=30)
-    assert board.seconds_left()[0] == pytest.approx(30.0, abs=0.5)
+    assert board.seconds_left()[0] == 30.0
 
 
 def test_live_lines_leave_only_the_finished_ones(output):

@@ -444,7 +444,7 @@ def test_space_presses_what_the_keyboard_has_chosen_and_drives_after_a_click(tmp
         begin(browser, server.teleop)
         browser.evaluate("document.querySelector('#sound').focus()")
         browser.press("Space")
-        assert browser.evaluate("document.querySelector('#sound').checked")
+        browser.until("document.querySelector('#sound').checked")
         press_mouse(browser, "#actions button")
         browser.until("document.activeElement === document.body")
         assert not shown(browser, "gripper_closes")
