@@ -104,7 +104,7 @@ def _assign(written: Written, assignments: Sequence[str], folder: Path | None) -
         folder: What paths in them are relative to; none if they must be absolute.
 
     Raises:
-        ConfigError: If an assignment is not of this form, undoes another, or descends into a value that is no section.
+        ConfigError: If an assignment is not of this form, undoes another, or descends into what is not a section.
     """
     said = dict[Keys, str]()
     for text in assignments:

@@ -23,6 +23,14 @@ PATH_KEYS = ("logs", "labels")
 changes."""
 
 
+def value_at(content: Mapping[str, Any], keys: Sequence[Any]) -> Any:
+    """What nested mappings hold at these keys, the outermost first; None if nothing does."""
+    value: Any = content
+    for key in keys:
+        value = value.get(key) if isinstance(value, Mapping) else None
+    return value
+
+
 @dataclass(frozen=True)
 class Written:
     """Keys and values, and where each was written.
@@ -46,10 +54,7 @@ class Written:
 
     def value(self, keys: Sequence[Any]) -> Any:
         """What stands at these keys; None if nothing does."""
-        value: Any = self.values
-        for key in keys:
-            value = value.get(key) if isinstance(value, Mapping) else None
-        return value
+        return value_at(self.values, keys)
 
     def over(self, below: Written) -> Written:
         """This content laid over another: sections are merged, everything else is replaced."""
@@ -78,7 +83,7 @@ class Written:
         """The same with one value replaced as a whole; names in a list pick from a section, as in another file.
 
         Raises:
-            ConfigError: If one of the outer keys holds a value that is no section.
+            ConfigError: If one of the outer keys holds a value that is not a section.
         """
         picked, gone = _picked(self.value(keys), value)
         replaced = {(*keys, *inner) for inner in gone}

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from flows.config import RunConfig
 from flows.running.plan import PlannedCall, explainer, plan
+from flows.written import value_at
 from juicer.artifacts.explain import Explanation
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
@@ -104,9 +104,7 @@ def _seconds(store: ArtifactStore, entry: PlannedCall, explanation: Explanation)
 
 def _amount(recipe: Recipe) -> int | None:
     """How much there is to do; none if the settings do not say it, or are of a time when others did."""
-    amount: Any = recipe.config
-    for key in AMOUNTS.get(recipe.stage, ()):
-        amount = amount.get(key) if isinstance(amount, Mapping) else None
+    amount = value_at(recipe.config, AMOUNTS[recipe.stage]) if recipe.stage in AMOUNTS else None
     return amount if isinstance(amount, int) else None
 
 

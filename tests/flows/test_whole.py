@@ -172,10 +172,10 @@ def test_any_checkpoint_is_analysed_and_its_figure_written(data, first, server, 
 def test_a_checkpoint_is_measured_under_a_shift_from_the_command_line(data, first, server):
     checkpoint = first["models"][0]["checkpoint"]
     arguments = ("evaluate", checkpoint, "-n", "1", "--seed-start", "9", "--shift")
-    with_less = (*arguments, "{kind: friction, factor: 0.7}")
-    out, _ = finish(juicer(data, *with_less, server=server))
+    out, _ = finish(juicer(data, *arguments, "friction", server=server))
     assert "success 0% of 1 episodes, with other friction (" in out
-    ref = json.loads(finish(juicer(data, *with_less, "--json"))[0])["evaluation"]
+    out, _ = finish(juicer(data, *arguments, "{kind: friction, factor: 0.7}", "--json", server=server))
+    ref = json.loads(out)["evaluation"]
     assert ArtifactStore(data).manifest(ArtifactRef.parse(ref)).recipe.config["shift"]["factor"] == 0.7
     _, err = finish(juicer(data, *arguments, "pusch"), status=1)
     assert "kind must be one of outside, push, friction, light, camera" in err
