@@ -16,6 +16,7 @@ from flows.running.settings import read_settings
 from juicer.episode import Episode
 from juicer.policy_rollout import RolloutConfig, roll_out
 from juicer.seed_ranges import Purpose, claim
+from juicer.sim.scene import home_xy
 from juicer.tasks.registry import get_task
 from juicer.tasks.specification import AssemblyTask, Randomness
 
@@ -52,7 +53,7 @@ def distance_from_corner_m(task: AssemblyTask, episode: Episode) -> float:
     poses = np.asarray(episode.steps["part_poses"])
     lifted = episode.record.milestones.get(task.pairs[0].milestones[0])
     step = len(poses) - 1 if lifted is None else min(lifted, len(poses) - 1)
-    return float(np.abs(poses[step, :2] - task.home_xy).max())
+    return float(np.abs(poses[step, :2] - home_xy(task.parts[0])).max())
 
 
 if __name__ == "__main__":

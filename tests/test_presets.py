@@ -41,7 +41,7 @@ def test_every_preset_holds_the_three_policies_of_the_comparison(name):
 def test_the_paper_preset_is_the_defaults_of_the_code():
     paper = presets("paper")["diffusion"]
     # Of one task alone, the limits of all tasks together are its own. The original shows parts as they lie.
-    original = FeaturesConfig(normalisation="together", symmetry=False, corner=False)
+    original = FeaturesConfig(normalisation="together", symmetry=False)
     assert paper.policy == PolicyConfig(observation={"state": original})
     assert paper.training == TrainingConfig()
     assert paper.policy.head.denoiser == UNetConfig()

@@ -15,6 +15,7 @@ from juicer.expert.part_view import OPEN_SHARE
 from juicer.expert.pose import UP, Pose, Vector, heading, turned, wrapped
 from juicer.expert.sight import Sight
 from juicer.expert.skills import CLOSE, OPEN, Skill, Stall, descend, grip, holding, reach, rise
+from juicer.sim.scene import home_xy
 from juicer.tasks.handling import BaseHandling
 from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask
 
@@ -44,7 +45,7 @@ class Corner:
         self._straight = np.array(base.handling.straight)
         self._habits = habits
         self._open_width_m = OPEN_SHARE * task.gripper_width_m
-        self.home_xy = np.array(task.home_xy)
+        self.home_xy = np.array(home_xy(base))
         self._half_m, self._is_round = max(base.footprint) / 2, base.is_round
 
     def yaw(self, sight: Sight) -> float:

@@ -81,8 +81,6 @@ class FeatureSpec(StrictConfig):
         mounted_m: How close each coordinate of a part must be to its place for it to be mounted.
         mounted_cosine: Least cosine of the angle between each of its axes and where that belongs.
         symmetry: Of the first part and the places on it, if they have one.
-        home_xy: Centre of the first part in the corner of the fence [m]. Checkpoints of earlier versions have none, and
-            are not shown the way there.
     """
 
     num_parts: int = Field(gt=0, le=MOST_PARTS)
@@ -90,7 +88,6 @@ class FeatureSpec(StrictConfig):
     mounted_m: float = Field(gt=0, le=10)
     mounted_cosine: float = Field(ge=-1, le=1)
     symmetry: SymmetrySpec | None = None
-    home_xy: tuple[Coordinate, Coordinate] | None = None
 
     @model_validator(mode="after")
     def _pairs_name_parts(self) -> Self:

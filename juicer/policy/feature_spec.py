@@ -23,7 +23,6 @@ def feature_spec(task_name: str) -> FeatureSpec:
         mounted_m=MOUNTED_M,
         mounted_cosine=MOUNTED_COSINE,
         symmetry=_symmetry_of_first(task),
-        home_xy=task.home_xy,
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from juicer.geometry import quat_to_matrix
+from juicer.sim.scene import home_xy
 from juicer.tasks.specification import MOUNTED_COSINE, MOUNTED_M, AssemblyPair, AssemblyTask, Joint
 
 _PLACED_M = 0.015
@@ -85,7 +86,7 @@ class BaseProgress:
 
     def __init__(self, task: AssemblyTask) -> None:
         """Prepare for ``task``."""
-        self._home_x, self._home_y = task.home_xy
+        self._home_x, self._home_y = home_xy(task.parts[0])
 
     def is_placed(self, positions: Array) -> bool:
         """Whether it is in the corner.

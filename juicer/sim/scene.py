@@ -13,7 +13,7 @@ import mujoco
 from juicer.sim.contacts import FIXTURE, TABLE
 from juicer.sim.panda import add_panda
 from juicer.sim.parts import add_part
-from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask
+from juicer.tasks.specification import TABLE_HEIGHT_M, AssemblyTask, PartSpec
 
 # MuJoCo would print its warnings and write MUJOCO_LOG.TXT into the working directory, in every process.
 mujoco.set_mju_user_warning(logging.getLogger(__name__).debug)
@@ -28,6 +28,14 @@ FENCE = (
     ((0.6065, 0.175), (0.085, 0.01)),
 )
 FENCE_HEIGHT_M = 0.03
+FENCE_CORNER_XY = (0.6715, 0.165)
+"""Where the inner faces of the front and the left bar meet [m]."""
+
+
+def home_xy(part: PartSpec) -> tuple[float, float]:
+    """Centre of a part whose outer faces lie at the inner faces of the fence's corner, not turned [m]."""
+    width, depth = part.footprint
+    return FENCE_CORNER_XY[0] - width / 2, FENCE_CORNER_XY[1] - depth / 2
 
 
 def build_spec(task: AssemblyTask) -> mujoco.MjSpec:

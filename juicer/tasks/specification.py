@@ -22,8 +22,6 @@ Vector = tuple[float, float, float]
 PoseValues = tuple[float, float, float, float, float, float, float]
 
 TABLE_HEIGHT_M = -0.015
-FENCE_CORNER_XY = (0.6715, 0.165)
-"""Where the inner faces of the fence's front and left bar meet [m]."""
 
 MOUNTED_M = 0.005
 MOUNTED_COSINE = 0.94
@@ -279,12 +277,6 @@ class AssemblyTask:
     max_steps: int
     critical_states: tuple[CriticalState, ...]
     gripper_width_m: float
-
-    @property
-    def home_xy(self) -> tuple[float, float]:
-        """Centre of the first part when it lies in the fence's corner, not turned, as far as it goes [m]."""
-        width, depth = self.parts[0].footprint
-        return FENCE_CORNER_XY[0] - width / 2, FENCE_CORNER_XY[1] - depth / 2
 
     @property
     def assembled_parts(self) -> tuple[int, ...]:

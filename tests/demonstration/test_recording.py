@@ -17,6 +17,7 @@ from juicer.expert.steady import Steady
 from juicer.gripper import gripper_commands
 from juicer.seeding import stream
 from juicer.sim.env import AssemblyEnv
+from juicer.sim.scene import home_xy
 from juicer.tasks.registry import get_task
 
 HESITANT = Steady(hesitation=1.0)
@@ -59,7 +60,7 @@ def test_no_action_leads_the_hand_by_more_than_a_human_would(log: OperatorLog):
 
 
 def test_the_top_is_pushed_to_one_side_of_the_fence_after_the_other(log: OperatorLog):
-    short_x, short_y = (get_task("one_leg").home_xy - log.steps["part_poses"][:, :2]).T
+    short_x, short_y = (home_xy(get_task("one_leg").parts[0]) - log.steps["part_poses"][:, :2]).T
     home = np.flatnonzero(np.maximum(short_x, short_y) < 0.004)[0]
     assert min(short_x[0], short_y[0]) > 0.02
     assert short_x[:home][short_y[:home] > 0.006].min() > 0.008

@@ -19,6 +19,7 @@ from juicer.geometry import (
 )
 from juicer.sim.env import NUM_ARM_JOINTS, AssemblyEnv
 from juicer.sim.panda import GRIP_FORCE_N, RESET_JOINTS_RAD
+from juicer.sim.scene import home_xy
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class PartOverHole:
         env, data = self.env, self.env.data
         poses = self.part_poses()
         base = env.task.parts[0]
-        corner = [home - 2e-4 for home in env.task.home_xy]
+        corner = [home - 2e-4 for home in home_xy(base)]
         poses[0] = [*corner, base.start[2] + 1e-4, *base.start[3:]]
         for earlier in env.task.pairs[:pair]:
             poses[earlier.second] = self._on(poses[earlier.first], np.array(earlier.targets[earlier.operator_target]))

@@ -7,6 +7,7 @@ import pytest
 
 from juicer.geometry import quat_multiply, quat_to_matrix
 from juicer.sim.env import AssemblyEnv
+from juicer.sim.scene import home_xy
 from juicer.tasks.furniture_bench import PITCH
 
 BASE, BULB, HOOD = 0, 1, 2
@@ -21,7 +22,7 @@ class Lamp:
         env.reset(seed=0)
         self.poses = env._views.part_poses.reshape(-1, 7)
         base = env.task.parts[BASE]
-        corner = [home - 2e-4 for home in env.task.home_xy]
+        corner = [home - 2e-4 for home in home_xy(base)]
         self.poses[BASE] = [*corner, base.start[2] + 1e-4, *base.start[3:]]
         for pair, above in zip(env.task.pairs, (bulb_above_m, hood_above_m), strict=True):
             target = np.array(pair.targets[0])

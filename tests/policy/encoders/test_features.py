@@ -113,46 +113,6 @@ def test_a_pair_must_name_existing_parts():
         spec_of(PairSpec(first=0, second=2, target=target), num_parts=2)
 
 
-CORNER = (0.5, 0.1)
-
-
-def way_home(observations, spec):
-    """What is shown of the way into the corner, behind what is shown anyway."""
-    told = features_of(observations, spec.model_copy(update={"home_xy": CORNER}))
-    without = features_of(observations, spec)
-    np.testing.assert_array_equal(told[:, : without.shape[1]], without)
-    return told[:, without.shape[1] :]
-
-
-def test_the_way_into_the_corner_is_seen_from_the_gripper_and_finely(spec, observe):
-    observations = observe(20)
-    proprioception, first = observations["proprioception"].astype(np.float64), observations["part_poses"][:, :3]
-    rows = proprioception[:, 3:9].reshape(-1, 2, 3)
-    hand = np.concatenate([rows, np.cross(rows[:, 0], rows[:, 1])[:, None]], axis=1)
-    way = np.concatenate([np.array(CORNER) - first[:, :2], np.zeros((20, 1))], axis=1)
-    seen = np.einsum("nij,ni->nj", hand, way)
-    fine = [np.tanh(np.concatenate([seen, way[:, :2]], axis=1) / scale_m) for scale_m in CONFIG.fine_scales_m]
-    np.testing.assert_allclose(way_home(observations, spec), np.concatenate([seen, *fine], axis=1), atol=1e-4)
-
-
-def test_two_millimetres_short_of_the_corner_are_visible(spec, observe):
-    home = observe(1)
-    home["part_poses"][:, :2] = CORNER
-    short = {name: values.copy() for name, values in home.items()}
-    short["part_poses"][:, 0] -= 0.002
-    difference = np.abs(way_home(home, spec) - way_home(short, spec))
-    assert difference.max() == pytest.approx(np.tanh(2 / 3), abs=1e-3)
-
-
-@pytest.mark.parametrize("pairs", ["next", "all"])
-def test_the_way_into_the_corner_can_be_left_out(spec, observe, pairs):
-    observations, told = observe(5), spec.model_copy(update={"home_xy": CORNER})
-    config = FeaturesConfig(pairs=pairs)
-    assert features_of(observations, told, config).shape[1] == features_of(observations, spec, config).shape[1] + 18
-    left_out = features_of(observations, told, FeaturesConfig(pairs=pairs, corner=False))
-    np.testing.assert_array_equal(left_out, features_of(observations, spec, config))
-
-
 def _pose_row(first, second):
     row = np.concatenate([np.zeros(3), matrix_to_quat(first), np.zeros(3), matrix_to_quat(second)])
     return row[None].astype(np.float32)

@@ -27,10 +27,6 @@ class FeaturesConfig(EncoderConfig):
         description="whether parts are shown as they look: turned by a multiple of the turn after which they look the "
         "same, to where they are turned least",
     )
-    corner: bool = Field(
-        default=True,
-        description="whether the way is shown that the task's first part still has to go into the corner of the fence",
-    )
     normalisation: Literal["per_task", "together"] = Field(
         default="per_task",
         description="whether a policy for several tasks scales each task's features by that task's limits, or all of "

@@ -12,8 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import torch
-from torch import Tensor
-from torch.nn import functional
+from torch import Tensor, nn
 
 from juicer.episode import PROPRIOCEPTION_SIZE
 from juicer.policy.actions import POSITION, ROTATION
@@ -21,7 +20,7 @@ from juicer.policy.config import FeatureSpec, PairSpec, Target
 from juicer.policy.encoders.features.batched_pose import BatchedPose
 from juicer.policy.encoders.features.config import FeaturesConfig
 from juicer.policy.encoders.features.symmetry import as_they_look
-from juicer.policy.rotations import quat_to_matrix, rot6d_to_matrix, rotate_back, twist_about_y
+from juicer.policy.rotations import quat_to_matrix, rot6d_to_matrix, twist_about_y
 from juicer.policy.tasks import size_of_part_poses
 
 _SATURATED = 0.85
@@ -36,9 +35,7 @@ def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config
     Of the pair that is next to be mounted, and of the one before it, follow: both parts' poses in the robot base
     frame; both seen from the gripper; the second part seen from its target in the first; the way it still has to go,
     as seen from the gripper, in whose frame actions may be given; the fine-scale copies of these offsets, of the second
-    part's axis as seen from the gripper and from the target, with its twist about that axis as sine and cosine. Then
-    comes the way that the task's first part still has to go into the corner of the fence, as seen from the gripper, and
-    its fine-scale copies, as seen from there and in the robot base frame: they tell when the part may be let go. Last
+    part's axis as seen from the gripper and from the target, with its twist about that axis as sine and cosine. Last
     comes which pair is next, one number for each but the first.
 
     So what is learned of one leg is known of all legs, and parts that do not matter now cannot mislead.
@@ -54,15 +51,14 @@ def state_features(observations: Mapping[str, Tensor], spec: FeatureSpec, config
     if config.symmetry:
         parts = as_they_look(parts, gripper, spec, in_order.bool())
     pairs = [_pair_features(gripper, _placed(parts, pair), config) for pair in spec.pairs]
-    home = _way_home(gripper, parts[0], spec, config)
     if config.pairs == "all":
-        return torch.cat([proprioception, *pairs, *home], dim=-1)
+        return torch.cat([proprioception, *pairs], dim=-1)
     following = in_order.sum(dim=-1).clamp(max=len(pairs) - 1)
     # The first pair stands for the one before it, and a single one is shown once.
     shown = torch.stack([following, (following - 1).clamp(min=0)], dim=-1)[..., : len(pairs), None]
-    which = functional.one_hot(following, len(pairs))[..., 1:]
+    which = nn.functional.one_hot(following, len(pairs))[..., 1:]
     features = torch.take_along_dim(torch.stack(pairs, dim=-2), shown, dim=-2).flatten(-2)
-    return torch.cat([proprioception, features, *home, which], dim=-1)
+    return torch.cat([proprioception, features, which], dim=-1)
 
 
 def num_features(spec: FeatureSpec, config: FeaturesConfig) -> int:
@@ -161,16 +157,6 @@ def _pair_features(gripper: BatchedPose, pair: _PlacedPair, config: FeaturesConf
         ],
         dim=-1,
     )
-
-
-def _way_home(gripper: BatchedPose, first: BatchedPose, spec: FeatureSpec, config: FeaturesConfig) -> list[Tensor]:
-    """The way of the first part into the corner, along the table, where it is to be shown."""
-    if spec.home_xy is None or not config.corner:
-        return []
-    way = functional.pad(first.position.new_tensor(spec.home_xy) - first.position[..., :2], (0, 1))
-    seen = rotate_back(gripper.matrix, way)
-    offsets = torch.cat([seen, way[..., :2]], dim=-1)
-    return [seen, *(torch.tanh(offsets / scale_m) for scale_m in config.fine_scales_m)]
 
 
 def _part_pose(part_poses: Tensor, index: int) -> BatchedPose:
