@@ -34,7 +34,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=110)
     options = parser.parse_args()
     settings = read_settings()
-    store, task = open_store(settings), get_task(options.task)
+    store, machine, task = open_store(settings), settings.machine, get_task(options.task)
     config = RolloutConfig(task=task.name, randomness=options.randomness, max_steps=options.steps)
     limits = "  ".join(f"within {limit:.0f} mm" for limit in LIMITS_MM)
     print(f"{'checkpoint':16}  {'median':>7}  {limits}")
@@ -42,7 +42,9 @@ def main() -> None:
         checkpoint = store.resolve(name, "checkpoint")
         folder = store.open(checkpoint, "checkpoint")
         seeds = claim(Purpose.EVALUATION, options.first, options.episodes)
-        episodes = roll_out(folder, checkpoint.id, config, seeds, num_envs=16, num_workers=settings.workers)
+        episodes = roll_out(
+            folder, checkpoint.id, config, seeds, num_envs=machine.num_envs, num_workers=machine.workers
+        )
         short_mm = np.array([1000 * distance_from_corner_m(task, episode) for episode in episodes])
         shares = "  ".join(f"{np.mean(short_mm < limit):>11.0%}" for limit in LIMITS_MM)
         print(f"{checkpoint.id:16}  {np.median(short_mm):4.1f} mm  {shares}", flush=True)
