@@ -6,7 +6,8 @@ import signal
 import subprocess
 import sys
 
-PATIENCE_SECONDS = 20.0
+PATIENCE_SECONDS = 60.0
+"""A busy machine that has never imported torch takes half a minute for it."""
 
 
 class ProgramFailed(Exception):
