@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import date, datetime
 from pathlib import Path
@@ -119,6 +119,8 @@ def _facts(
     choices: Sequence[Choice], output: Path, runs: Sequence[RunConfig], studies: Sequence[TaskStudy]
 ) -> dict[str, str]:
     """What the page was made of, and how it is made again."""
+    from juicer.reporting.sources import origins_of
+
     first, *others = choices
     beside = "".join(f" --with {choice.as_arguments()}" for choice in others)
     report = f"juicer report {first.as_arguments()}{beside} --output {shlex.quote(output.name)}"
@@ -127,15 +129,6 @@ def _facts(
         "made again by": "; ".join([*(f"juicer run {choice.as_arguments()}" for choice in choices), report]),
         "tasks": ", ".join(study.task for study in studies),
         "randomness, unless said otherwise": ", ".join(dict.fromkeys(run.randomness.value for run in runs)),
-        **_joined([study.sources.origins() for study in studies]),
+        **origins_of([study.sources for study in studies]),
     }
     return {name: text for name, text in facts.items() if text}
-
-
-def _joined(tables: Sequence[Mapping[str, str]]) -> Mapping[str, str]:
-    """Facts of several tasks, each said once."""
-
-    def all_of(name: str) -> Iterator[str]:
-        yield from dict.fromkeys(table[name] for table in tables if name in table)
-
-    return {name: "; ".join(all_of(name)) for name in dict.fromkeys(name for table in tables for name in table)}

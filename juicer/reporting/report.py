@@ -15,7 +15,7 @@ from juicer.evaluation import ConditionResult
 from juicer.reporting.content import EpisodeVideo, NextStep, Provenance, ReportData, ShownAnalysis
 from juicer.reporting.paper import paper_figures
 from juicer.reporting.section import Section
-from juicer.reporting.sources import Sources
+from juicer.reporting.sources import Sources, origins_of
 
 
 def gather(
@@ -73,7 +73,7 @@ def _provenance(sources: Sources, title: str, configuration: Mapping[str, Any], 
     if (commit := commits[0].removesuffix(CHANGED)) != UNKNOWN:
         commands.insert(0, f"git checkout {commit}")
     return Provenance(
-        facts=sources.origins(),
+        facts=origins_of([sources]),
         configuration=configuration_text(configuration),
         file_name=file_name,
         commands=tuple(commands),

@@ -86,15 +86,6 @@ class Sources:
         told = [f"{task} {' or '.join(each)}" if len(sizes) > 1 else " or ".join(each) for task, each in sizes.items()]
         return {"Demonstrations": ", ".join(told)} if told else {}
 
-    def origins(self) -> dict[str, str]:
-        """With which code and on which machines the models were trained and evaluated."""
-        facts = {"juicer": _counted(str(manifest.host.get("juicer", UNKNOWN)) for manifest in self._evaluations)}
-        for name, manifests in (("Trained", self._of_stage("train")), ("Evaluated", self._evaluations)):
-            if manifests:
-                facts[f"{name} at commit"] = _counted(manifest.host.get("commit", UNKNOWN) for manifest in manifests)
-                facts[f"{name} on"] = _counted(map(_machine, manifests))
-        return facts
-
     @property
     def commits(self) -> list[str]:
         """Commits with which the models were trained and evaluated, each once, that of the last evaluation first."""
@@ -209,6 +200,18 @@ class Sources:
                 tasks = ", ".join(checkpoint.summary["tasks"])
                 return f"{row.label}, before retraining, {tasks}", f"{row.title}, before retraining"
         return checkpoint.ref.id, "other"
+
+
+def origins_of(several: Sequence[Sources]) -> dict[str, str]:
+    """With which code and on which machines models of some studies were trained and evaluated, each counted once."""
+    evaluated = {manifest.ref: manifest for sources in several for manifest in sources._evaluations}
+    trained = {manifest.ref: manifest for sources in several for manifest in sources._of_stage("train")}
+    facts = {"juicer": _counted(str(manifest.host.get("juicer", UNKNOWN)) for manifest in evaluated.values())}
+    for name, manifests in (("Trained", trained.values()), ("Evaluated", evaluated.values())):
+        if manifests:
+            facts[f"{name} at commit"] = _counted(manifest.host.get("commit", UNKNOWN) for manifest in manifests)
+            facts[f"{name} on"] = _counted(map(_machine, manifests))
+    return facts
 
 
 def _told(row: EvaluationRow) -> EvaluatedEpisode:
