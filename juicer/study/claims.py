@@ -147,7 +147,11 @@ def claims_section(studies: Sequence[TaskStudy]) -> Section | None:
                 folded=True,
             )
         )
-    bases = "; ".join(f"{base} ({study.task})" for study in studies if (base := study.base))
+    tasks_of: dict[str, list[str]] = {}
+    for study in studies:
+        if base := study.base:
+            tasks_of.setdefault(base, []).append(study.task)
+    bases = "; ".join(f"{base} ({', '.join(tasks)})" for base, tasks in tasks_of.items())
     told = ", ".join(f"{ruling.value}: {counts[ruling]}" for ruling in Ruling if counts[ruling]).capitalize()
     return Section(
         "claims",

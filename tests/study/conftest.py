@@ -59,10 +59,11 @@ def study() -> Callable[..., TaskStudy]:
 
 
 class Made:
-    """A store that is filled by hand, and the evaluations of a study of one_leg in it."""
+    """A store that is filled by hand, and the evaluations of a study of a task in it."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, task: str = "one_leg") -> None:
         self.store = ArtifactStore(folder)
+        self._task = task
         self._evaluations: list[ArtifactRef] = []
         self._rows: list[ReportRow] = []
 
@@ -84,7 +85,7 @@ class Made:
         **settings: Any,
     ) -> None:
         """Of a success and a failure."""
-        config = {"task": "one_leg", "seed": seed} | settings
+        config = {"task": self._task, "seed": seed} | settings
         recipe = Recipe("evaluate", "evaluation", inputs={"checkpoint": (checkpoint,)}, config=config)
         with self.store.create(recipe) as draft:
             ends = enumerate((Outcome.SUCCESS, Outcome.TIMEOUT))
@@ -97,7 +98,7 @@ class Made:
     @property
     def study(self) -> TaskStudy:
         """What is known of the evaluations."""
-        return task_study(self.store, "one_leg", self._evaluations, self._rows)
+        return task_study(self.store, self._task, self._evaluations, self._rows)
 
 
 @pytest.fixture

@@ -17,6 +17,7 @@ from juicer.study.claims import CLAIMS, claims_section
 from juicer.study.curves import Curve
 from juicer.study.rules import AtMost, Best, BestWithin, Better, ModelsDiffer, Ruling, SampledAlike, Saturates
 from juicer.study.success import success_section
+from tests.study.conftest import Made
 
 
 def share_curve(**points):
@@ -78,6 +79,18 @@ def test_what_conditions_are_based_on_is_told_beside_the_papers(made):
         "(one_leg)."
     )
     assert rates.tables[0].note == "10 demonstrations, randomness med"
+
+
+def test_tasks_that_are_based_on_the_same_are_told_together(tmp_path):
+    studies = []
+    for task in ("one_leg", "lamp"):
+        made = Made(tmp_path / "store", task)
+        data = made.artifact("ingest", "episodes", config={"task": task}, summary={"episodes": 50})
+        for name in ("bc", "ta"):
+            checkpoint = made.artifact("train", "checkpoint", inputs={"episodes": (data,)}, config={"name": name})
+            made.evaluation(name, checkpoint, randomness="low")
+        studies.append(made.study)
+    assert claims_section(studies).note.endswith("here is of 50 demonstrations, randomness low (one_leg, lamp).")
 
 
 def test_a_setting_with_a_name_is_a_heading_and_spelled_out_below(made):
