@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 PATIENCE_SECONDS = 60.0
-"""A busy machine that has never imported torch takes half a minute for it."""
+"""The first import of torch on a busy machine has taken more than 20 s."""
 
 
 class ProgramFailed(Exception):
