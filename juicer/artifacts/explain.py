@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -44,6 +45,11 @@ class Difference:
     change: Change
     old: Any
     new: Any
+
+    @cached_property
+    def identity(self) -> str:
+        """Text that only equal differences share; their values need not be hashable."""
+        return json.dumps([self.part, self.key, self.change, self.old, self.new])
 
     @property
     def sentence(self) -> str:
@@ -211,7 +217,7 @@ class Explainer:
         """What changed from one recipe of a stage to another, each root once."""
         key = (old_ref, new_ref)
         if key not in self._causes:
-            upstream: dict[str, Cause] = {}
+            upstream: dict[tuple[str, str], Cause] = {}
             own: list[Difference] = []
             for role in sorted(old.inputs.keys() | new.inputs.keys()):
                 for before, after in self._paired(old.inputs.get(role, ()), new.inputs.get(role, ())):
@@ -280,11 +286,10 @@ class Explainer:
         return f"{ref}, made by {stage}" if stage else str(ref)
 
 
-def _add(found: dict[str, Cause], cause: Cause) -> None:
+def _add(found: dict[tuple[str, str], Cause], cause: Cause) -> None:
     """Take in a cause; one that several stages or ways lead to is one cause with the consequences of all."""
-    difference = cause.difference
-    place = "" if difference.part in SHARED else cause.stage
-    key = json.dumps([place, difference.part, difference.key, difference.change, difference.old, difference.new])
+    place = "" if cause.difference.part in SHARED else cause.stage
+    key = (place, cause.difference.identity)
     if key in found:
         cause = replace(found[key], consequences=_joined(found[key].consequences, cause.consequences))
     found[key] = cause
@@ -304,6 +309,8 @@ def compare(old: Recipe, new: Recipe) -> Iterator[Difference]:
     yield from _differences("config", old.config, new.config)
     # Which tasks they are follows from configuration and inputs.
     for task in sorted(old.tasks.keys() & new.tasks.keys()):
+        if old.tasks[task] == new.tasks[task]:
+            continue
         was, will_be = (_by_name(recipe.tasks[task]) for recipe in (old, new))
         yield from _differences("tasks", was, will_be, f"{task}: ")
     if old.code != new.code:

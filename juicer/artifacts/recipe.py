@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from juicer.artifacts.ref import ID_LENGTH, KINDS, ArtifactRef
@@ -56,7 +57,7 @@ class Recipe:
         object.__setattr__(self, "plugins", tuple(self.plugins))
         object.__setattr__(self, "inputs", {role: tuple(refs) for role, refs in self.inputs.items() if refs})
 
-    @property
+    @cached_property
     def id(self) -> str:
         """First 16 hexadecimal digits of the SHA-256 of the canonical JSON."""
         identity = {key: value for key, value in self.to_json().items() if key not in ("modules", "plugins")}

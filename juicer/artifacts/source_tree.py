@@ -35,6 +35,7 @@ class SourceTree:
     junctions: Collection[str] = ()
     sources: dict[Path, Source] = field(default_factory=dict, repr=False)
     _modules: dict[str, _Module] = field(default_factory=dict, repr=False)
+    _versions: dict[tuple[str, frozenset[str]], dict[str, str]] = field(default_factory=dict, repr=False)
     # Models side by side ask at the same time, and Python 3.11 cannot parse in two threads at once.
     _lock: threading.Lock = field(default_factory=threading.Lock, repr=False, compare=False)
 
@@ -51,8 +52,13 @@ class SourceTree:
         Raises:
             ArtifactError: If the source of a module, or a file that one lists in ``ASSETS``, is not found.
         """
+        key = (entry, frozenset(plugins))
+        if key not in self._versions:
+            self._versions[key] = self._follow(*key)
+        return dict(self._versions[key])
+
+    def _follow(self, entry: str, plugins: frozenset[str]) -> dict[str, str]:
         found: dict[str, str] = {}
-        plugins = set(plugins)
         waiting = {entry, *self._resolve(_Import(entry), entry)}
         while waiting:
             name = waiting.pop()
