@@ -16,7 +16,7 @@ _DISK = {
     errno.ENOSPC: "the disk is full; free some space",
     errno.EDQUOT: "the disk quota is used up; free some space",
     errno.EFBIG: "a file became larger than this system allows; see `ulimit -f` or choose another file system",
-    errno.EROFS: "the file system is read-only; choose another place",
+    errno.EROFS: "the file system is read-only; mount it for writing or choose another place",
     errno.EIO: "the disk reports an input/output error; check it or choose another place",
     errno.ENOLCK: "its file system offers no locks; choose another place",
 }
@@ -41,10 +41,15 @@ def explained(root: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = _DISK.get(error.errno or 0) or _trouble_with_place(error, root)
+        reason = refusal(error, root)
         if reason is None:
             raise
         raise StoreNotWritable(f"the artifact store in '{root}' cannot be written: {reason}") from error
+
+
+def refusal(error: OSError, root: Path) -> str | None:
+    """Why a disk refuses a write below ``root``, and what helps; none if the disk is not to blame."""
+    return _DISK.get(error.errno or 0) or _trouble_with_place(error, root)
 
 
 def is_of_disk(error: BaseException, root: Path) -> bool:

@@ -23,6 +23,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from juicer.artifacts.writing import refusal
 from juicer.demonstration.log import MOST_STEPS
 from juicer.episode import ACTION_SIZE
 from juicer.errors import DraftNotWritten, UnusableDraft
@@ -254,7 +255,8 @@ def remove_draft(path: Path) -> None:
     try:
         path.unlink(missing_ok=True)
     except OSError as error:
-        raise UnusableDraft(f"draft '{printable(path)}' cannot be removed: {error.strerror}") from None
+        reason = refusal(error, path.parent) or error.strerror
+        raise UnusableDraft(f"draft '{printable(path)}' cannot be removed: {reason}") from None
 
 
 def read_draft(path: Path) -> LeftDraft:

@@ -329,6 +329,23 @@ def test_an_interrupted_episode_on_a_disk_that_became_read_only_says_so_and_not_
     assert len(another.status["drafts"]) == 1
 
 
+def test_on_a_read_only_disk_whoever_removes_or_begins_an_episode_is_told_how_to_mend_it(page, left, monkeypatch):
+    path = left("one_leg", "stuck", 10)
+    page.until(lambda: "drafts" in page.status, silent=True)
+
+    def refuse(file, *more, **named):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(file))
+
+    for name in ("unlink", "touch", "mkdir"):
+        monkeypatch.setattr(Path, name, refuse)
+    page.say({"kind": "forget", "task": "one_leg", "draft": path.name})
+    page.until(lambda: len(page.refusals) == 1, silent=True)
+    page.say({"kind": "begin", "task": "one_leg", "operator": "Anna", "target": 3})
+    page.until(lambda: len(page.refusals) == 2, silent=True)
+    assert f"draft '{path}' cannot be removed: the file system is read-only; mount it" in page.refusals[0]
+    assert "cannot be written: the file system is read-only; mount it" in page.refusals[1]
+
+
 def test_an_interrupted_episode_whose_key_map_is_gone_goes_on_with_the_keys_of_the_form(page, left):
     left("one_leg", "mine", 10, keys="mine.toml", operator="Anna")
     order = {"kind": "resume", "task": "one_leg", "draft": "mine.draft"}
