@@ -218,6 +218,16 @@ class StudyConfig(FlowConfig):
             self._points(name)
         return self
 
+    @field_validator("conditions")
+    @classmethod
+    def _can_be_told_apart(cls, conditions: dict[str, Condition]) -> dict[str, Condition]:
+        titled: dict[str, str] = {}
+        for name, own in conditions.items():
+            other = titled.setdefault(own.title, name)
+            if other != name:
+                raise ValueError(f"'{other}' and '{name}' have the same title, '{own.title}'; give one of them another")
+        return conditions
+
     @property
     def nameable(self) -> Collection[str]:
         """Those of the whole study."""
@@ -286,9 +296,9 @@ class StudyConfig(FlowConfig):
 
     @property
     def models(self) -> tuple[tuple[str, int], ...]:
-        """Conditions and seeds to train, seeds outermost; what has no randomness has the first seed only."""
+        """Conditions and seeds to train, seeds outermost; what has no randomness has the study's first seed only."""
         return tuple(
-            (name, seed)
+            (name, self.first_seed if condition.replay else seed)
             for seed in self.seeds
             for name, condition in self.conditions.items()
             if seed == self.seeds[0] or not condition.replay

@@ -34,6 +34,7 @@ from stages.ingest import ingest
 from stages.memorise import MemoriseConfig, memorise
 from stages.record import record
 from stages.render import RenderConfig, render
+from stages.runtime.context import NoRecord
 from stages.runtime.session import Session
 from stages.select import select
 from stages.train import TrainConfig, train
@@ -209,10 +210,12 @@ def _train_jointly(
     session: Session, config: LoopConfig, condition: Condition, seed: int
 ) -> tuple[ArtifactRef, list[str]]:
     """One model for several tasks, and what it had to do without; it can do without the successes of one."""
+    # The curves of those that it learns from stand apart by task once it is published; live they would run together.
     gathered = {
-        task: _gather(session.for_model(f"{session.label} {task}", session.record), loop, condition, seed)
+        task: _gather(session.for_model(f"{session.label} {task}", NoRecord()), loop, condition, seed)
         for task, loop in config.mix.items()
     }
+    session = session.for_model(session.label, session.record.for_round(config.turns(condition)))
     # It is one model, whichever task's run asks for it.
     first = next(iter(config.mix.values()))
     checkpoint = _train(session, first, config.final_training(condition, seed), tuple(gathered.values()))

@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self, get_origin
 
 from pydantic import Field, field_validator, model_validator
 
@@ -109,7 +109,10 @@ class LoopConfig(StrictConfig):
     @classmethod
     def _says_the_task_once(cls, content: Any) -> Any:
         for section, own in content.items() if isinstance(content, Mapping) else ():
-            if isinstance(own, Mapping) and "task" in own and section != "mix":
+            field = cls.model_fields.get(section)
+            # What people name may be called task.
+            is_named = field is not None and get_origin(field.annotation) is dict
+            if isinstance(own, Mapping) and "task" in own and not is_named:
                 raise ValueError(f"{printable(section)}.task: the task is said once, at the top of the configuration")
         return content
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from collections.abc import Iterator, Mapping
 from typing import Any
+
+import yaml
 
 from flows.command.choice import Choice
 from flows.config import MIX_KEY, RunConfig
@@ -98,4 +101,6 @@ def _text(value: Any) -> str:
         return value
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_text, value))}]"
+    if isinstance(value, str):
+        return yaml.safe_dump(value, default_style='"', allow_unicode=True, width=sys.maxsize).rstrip("\n")
     return json.dumps(value)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from flows.running.context import open_run
 from flows.running.data_folder import open_store, prepare_folder
 from flows.running.device import check_device
-from flows.running.repair import repair
+from flows.running.repair import Repaired, repair
 from flows.running.settings import read_settings
 from flows.terminal.output import say, say_json
 from juicer.artifacts.manifest import FINDING, LABEL
@@ -92,15 +92,20 @@ def only_task(store: ArtifactStore, checkpoint: ArtifactRef) -> str:
 
 def repair_artifact(text: str, files: Path | None, as_json: bool) -> None:
     """``juicer repair``."""
+    repaired = []
     with run_on(text) as (session, ref):
-        repaired = list(repair(session, ref, files))
+        for each in repair(session, ref, files):
+            repaired.append(each)
+            if not as_json:
+                _say_repaired(each)
     if as_json:
         aside = {str(each.ref): each.aside for each in repaired if each.aside}
         say_json({"repaired": [str(each.ref) for each in repaired], "aside": aside})
-        return
-    for each in repaired:
-        say(f"recomputed {each.ref}" if each.recomputed else f"restored {each.ref} without computing anything")
-        if each.aside:
-            say(f"  what was there before is kept in {each.aside}; delete it when you need it no more")
-    if not repaired:
+    elif not repaired:
         say(f"{ref} is whole; nothing to repair")
+
+
+def _say_repaired(each: Repaired) -> None:
+    say(f"recomputed {each.ref}" if each.recomputed else f"restored {each.ref} without computing anything")
+    if each.aside:
+        say(f"  what was there before is kept in {each.aside}; delete it when you need it no more")

@@ -42,7 +42,7 @@ def replay_episode(
     check_place(video, "video", VIDEO_SUFFIXES)
     stride, rate = _pace(speed)
     with open_run(settings, None) as run_context:
-        chosen = choose(store, ref, index, run_context.board, settings.device)
+        chosen = choose(store, ref, index, run_context.board, settings.devices[0])
         episode = chosen.episode
         steps = every(episode, stride)
         captioner = _captioner(chosen, video_format)

@@ -36,7 +36,7 @@ def view_episode(text: str, episode_name: str, output: Path | None, opens: bool,
     path = output or Path(f"{ref.id}-{index}{SUFFIX}")
     check_place(path, "recording", (SUFFIX,))
     with open_run(settings, None) as run_context:
-        chosen = choose(store, ref, index, run_context.board, settings.device)
+        chosen = choose(store, ref, index, run_context.board, settings.devices[0])
     frames = write_recording(chosen.episode, path, chosen.name)
     if as_json:
         say_json({"recording": str(path), "frames": frames})

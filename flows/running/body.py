@@ -25,7 +25,7 @@ from juicer.artifacts.store import ArtifactStore
 from juicer.pages.addresses import lineage_of
 from juicer.reporting.comparison import robustness_table
 from stages.report import VARIED
-from stages.runtime.prefect_display import attempt
+from stages.runtime.prefect_display import artifact_key, attempt
 from stages.runtime.prefect_task import PrefectPerformer
 
 _VARIED_IMAGES = "Images as policies see them when acting, and as they were varied in training"
@@ -56,7 +56,7 @@ def _show(outcome: RunOutcome, config: RunConfig, store: ArtifactStore, pages: s
     _show_table("robustness", robustness_table(outcome.results(store)), f"{title} under shifts")
     for figure in sorted(store.open(outcome.report).glob("*.png")) if outcome.report else ():
         address = f"data:image/png;base64,{base64.b64encode(figure.read_bytes()).decode()}"
-        key = figure.stem.replace("_", "-").lower()
+        key = artifact_key(figure.stem)
         caption = _VARIED_IMAGES if figure.stem.startswith(VARIED) else figure.stem.replace("_", " ")
         attempt(create_image_artifact, image_url=address, key=key, description=caption)
     if pages and outcome.report:
@@ -66,11 +66,12 @@ def _show(outcome: RunOutcome, config: RunConfig, store: ArtifactStore, pages: s
         )
     if outcome.findings:
         lines = "\n".join(f"- {finding}" for finding in outcome.findings)
-        create_markdown_artifact(markdown=lines, key="findings", description="Models that learned from too little")
+        told = "Models that learned from too little"
+        attempt(create_markdown_artifact, markdown=lines, key="findings", description=told)
 
 
 def _show_table(key: str, table: tuple[Sequence[str], Sequence[Sequence[str]]], description: str) -> None:
     columns, rows = table
     if columns:
         content = [dict(zip(columns, row, strict=True)) for row in rows]
-        create_table_artifact(table=content, key=key, description=description)
+        attempt(create_table_artifact, table=content, key=key, description=description)

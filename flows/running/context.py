@@ -101,7 +101,8 @@ def expect(context: RunContext, planned: list[PlannedCall], folder: Path) -> Non
     # The newest come first in a catalog, and the last one of a kind of work is to count.
     seconds = {entry.work: entry.seconds for kind in kinds for entry in reversed(catalog.whole(kind).entries)}
     context.board.expect(
-        {(entry.stage, entry.label): seconds.get(kind_of_work(entry.call.recipe)) for entry in to_come}
+        [((entry.stage, entry.label), seconds.get(kind_of_work(entry.call.recipe))) for entry in to_come],
+        [(entry.stage, entry.label) for entry in planned if entry.exists],
     )
 
 

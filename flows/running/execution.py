@@ -230,7 +230,7 @@ def rows_of(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tu
 def analyses_of(models: Sequence[ModelOutcome]) -> tuple[tuple[ArtifactRef, ...], tuple[AnalysisRow, ...]]:
     """Analyses of models, and whose they are."""
     found = [
-        (ref, AnalysisRow(name=name, title=model.title, seed=model.seed))
+        (ref, AnalysisRow(name=name, condition=model.condition, title=model.title, seed=model.seed))
         for model in models
         for name, ref in model.analyses.items()
     ]

@@ -1,4 +1,4 @@
-"""Facts about this machine, read from the environment once, at the edge.
+"""Facts about this machine, read from the environment.
 
 Nothing here decides what is computed; what does belongs into a configuration file. The device may change last digits.
 """

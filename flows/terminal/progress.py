@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from types import TracebackType
 from typing import Any, Self
@@ -58,10 +59,18 @@ class Board:
         """Leave nothing but the lines of finished stages."""
         self._bars.stop()
 
-    def expect(self, calls: Mapping[Call, float | None]) -> None:
-        """Learn which stages are to come, by name and label, and how long each took when it last ran, if it did."""
+    def expect(self, calls: Iterable[tuple[Call, float | None]], reusable: Iterable[Call] = ()) -> None:
+        """Learn what is to come.
+
+        Args:
+            calls: Stages by name and label, in their order, and how long each took when it last ran, if it did.
+            reusable: Those whose artifacts exist.
+        """
+        expected: dict[Call, list[float | None]] = {}
+        for call, seconds in calls:
+            expected.setdefault(call, []).append(seconds)
         with self._lock:
-            self._forecast.expected = dict(calls)
+            self._forecast.expected, self._forecast.reusable = expected, Counter(reusable)
 
     def say(self, message: str) -> None:
         """Print a line that stays."""
@@ -117,7 +126,7 @@ class Board:
 
     def _total(self) -> str:
         seconds, is_complete = self.seconds_left()
-        waiting = len(self._forecast.expected)
+        waiting = self._forecast.num_expected
         so_far = f"{duration(self._clock() - self._started)} so far, {self._finished} stages done"
         if not waiting:
             return so_far

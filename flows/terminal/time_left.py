@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from statistics import fmean
@@ -71,24 +72,38 @@ class Forecast:
 
     Attributes:
         workers: Stages that run at a time.
-        expected: Calls to come or running, and how long such a call took when it last ran, if it did.
+        expected: How long each call that is to come or running took when its like last ran, if it did; in their order,
+            where several have one label.
+        reusable: How many calls that the store knows already are to come.
         running: What runs.
     """
 
     workers: int
-    expected: dict[Call, float | None] = field(default_factory=dict)
+    expected: dict[Call, list[float | None]] = field(default_factory=dict)
+    reusable: Counter[Call] = field(default_factory=Counter)
     running: dict[Call, Work] = field(default_factory=dict)
     _took: dict[str, list[float]] = field(default_factory=dict)
 
+    @property
+    def num_expected(self) -> int:
+        """How many calls are to come or running."""
+        return sum(map(len, self.expected.values()))
+
     def begin(self, call: Call, now: float) -> Work:
         """A stage begins."""
-        self.running[call] = Work(now, self.before(call))
+        seconds, *_ = self.expected.get(call, [None])
+        self.running[call] = Work(now, self._before(call, seconds))
         return self.running[call]
 
     def end(self, call: Call, now: float, *, is_done: bool) -> float | None:
         """A stage is over; gives how long it ran, if it did."""
-        self.expected.pop(call, None)
         work = self.running.pop(call, None)
+        if work is None and self.reusable[call]:
+            self.reusable[call] -= 1
+            return None
+        _, *further = self.expected.pop(call, [None])
+        if further:
+            self.expected[call] = further
         if work is None:
             return None
         if is_done:
@@ -101,16 +116,19 @@ class Forecast:
             if f"{call[1]} ".startswith(f"{label} "):
                 del self.expected[call]
 
-    def before(self, call: Call) -> float | None:
-        """How long such a call took when it last ran; else how long its stage took in this run."""
-        seconds = self.expected.get(call)
-        took = self._took.get(call[0])
-        return fmean(took) if seconds is None and took else seconds
-
     def seconds_left(self, now: float) -> tuple[float, bool]:
         """Time until everything expected is done, and whether nothing is missing in that estimate."""
         running = [work.seconds_left(now) for work in self.running.values()]
-        waiting = [self.before(call) for call in self.expected if call not in self.running]
+        waiting = [
+            self._before(call, seconds)
+            for call, expected in self.expected.items()
+            for seconds in expected[call in self.running :]
+        ]
         known = [seconds for seconds in running if seconds is not None]
         total = (sum(known) + sum(seconds for seconds in waiting if seconds is not None)) / self.workers
         return max([total, *known]), None not in running and None not in waiting
+
+    def _before(self, call: Call, seconds: float | None) -> float | None:
+        """How long such a call took when it last ran; else how long its stage took in this run."""
+        took = self._took.get(call[0])
+        return fmean(took) if seconds is None and took else seconds

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -21,11 +20,13 @@ class AnalysisRow(StrictConfig):
 
     Attributes:
         name: What the configuration calls it.
-        title: Title of the model's condition.
+        condition: Name of the model's condition.
+        title: Its title.
         seed: Seed of the model.
     """
 
     name: str
+    condition: str
     title: str
     seed: int
 
@@ -36,8 +37,8 @@ class AnalysisRow(StrictConfig):
 
     @property
     def file_name(self) -> str:
-        """The same as the name of a file, e.g. ``spread_TA_CI_0``."""
-        return re.sub(r"[^A-Za-z0-9]+", "_", f"{self.name}_{self.title}_{self.seed}")
+        """The same as the name of a file without its ending, e.g. ``spread.ta_ci.0``; no other analysis has it."""
+        return f"{self.name}.{self.condition}.{self.seed}"
 
 
 def shown_analyses(

@@ -108,7 +108,7 @@ class LineageNode:
 
     Attributes:
         id: ``kind/id``; unique.
-        kind: ``episodes``, ``annotations``, ``selection``, ``checkpoint`` or ``evaluation``.
+        kind: One of :data:`~juicer.artifacts.ref.KINDS`.
         label: What it is, for people, e.g. ``50 demonstrations``.
         parents: Ids of the artifacts it was made from.
     """

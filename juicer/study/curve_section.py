@@ -13,17 +13,17 @@ from juicer.reporting.paper import PAPER_CURVES
 from juicer.reporting.section import Chart, Section, Table
 from juicer.study.curves import Curve, Saturation
 from juicer.study.material import TaskStudy
-from juicer.study.points import Points, curve_points, fit_of, rivals, rounded
+from juicer.study.points import Points, can_be_drawn, curve_points, fit_of, rivals, rounded
 from juicer.study.success import interval_text, percent
 
 
 def curve_section(studies: Sequence[TaskStudy]) -> Section | None:
-    """Every curve of every task, as far as its conditions have results; of one point, there is nothing to draw."""
+    """Every curve of every task, as far as its conditions have results."""
     tables, charts = [], []
     for study in studies:
         for curve in study.curves:
             found = curve_points(study, curve)
-            if len(found) > 1:
+            if can_be_drawn(found):
                 fit = fit_of(curve, found)
                 tables.append(_table(study, curve, found, fit))
                 charts.append(_chart(study, curve, found, fit))

@@ -59,20 +59,27 @@ def _demonstrated(study: TaskStudy) -> Iterator[tuple[str, ...]]:
         if each.recipe.stage != "ingest" or each.recipe.config["task"] != study.task:
             continue
         episodes, steps = each.summary["episodes"], each.summary["steps"]
-        logs = recordings.get(next(iter(each.recipe.inputs.get("logs", ())), each.ref))
+        of_store = each.recipe.inputs.get("logs", ())
+        logs = recordings.get(of_store[0]) if of_store else None
         marked = annotations.get(each.ref)
         yield (
             study.task,
             logs.recipe.config["randomness"] if logs else "-",
             str(episodes),
-            str(logs.summary["logs"]) if logs else str(len(each.recipe.files)),
-            f"{logs.summary['device']}{temperament_of(logs)}" if logs else "people",
+            *_recorded(each, logs, is_by_people=not of_store),
             f"{steps / episodes:.0f}" if episodes else "-",
             f"{_minutes(each, study):.1f}",
             f"{marked.summary['critical_states'] / episodes:.1f}" if marked and episodes else "-",
             ", ".join(marked.summary["authors"]) if marked else "-",
             *((str(paper.steps), str(paper.collecting_min), str(paper.annotating_min)) if paper else ("-",) * 3),
         )
+
+
+def _recorded(demonstrations: Manifest, logs: Manifest | None, *, is_by_people: bool) -> tuple[str, str]:
+    """Of how many recordings demonstrations are, and who made these; logs of the store may have been removed."""
+    if logs:
+        return str(logs.summary["logs"]), f"{logs.summary['device']}{temperament_of(logs)}"
+    return (str(len(demonstrations.recipe.files)), "people") if is_by_people else ("-", "-")
 
 
 def _annotated(studies: Sequence[TaskStudy]) -> Iterator[Table]:

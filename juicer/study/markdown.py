@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from urllib.parse import quote
 
 from juicer.reporting.section import Section, Table
 from juicer.text import printable
@@ -41,7 +42,7 @@ def _lines(title: str, facts: Mapping[str, str], sections: Sequence[Section], fo
         if section.note:
             yield f"{_cell(section.note)}\n"
         for chart in section.charts:
-            yield f"![{_cell(chart.title)}]({folder}/{chart.name}.png)\n"
+            yield f"![{_cell(chart.title)}]({quote(f'{folder}/{chart.name}.png')})\n"
             yield f"{_cell(chart.title)}. {_cell(chart.note)}\n"
         for table in section.tables:
             if table.title:

@@ -19,6 +19,11 @@ def curve_points(study: TaskStudy, curve: Curve) -> Points:
     return sorted(found, key=lambda point: point[0])
 
 
+def can_be_drawn(found: Points) -> bool:
+    """Whether there is a curve: one point is none."""
+    return len(found) > 1
+
+
 def fit_of(curve: Curve, found: Points) -> Saturation | None:
     """What is drawn through the points, if anything is and can be."""
     if curve.fit == "none":

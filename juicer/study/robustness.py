@@ -34,7 +34,8 @@ def _tables(study: TaskStudy) -> Iterator[Table]:
             if any(found for result in alike for found in result.shifted.values()):
                 columns, rows = robustness_table(alike)
                 yield Table(tuple(columns), tuple(map(tuple, rows)), f"{study.task}{under(seen)}{under(setting)}")
-        for name in shift_names(results):
-            shifted = [found for result in results if (found := result.shifted.get(name))]
-            if tested := differences(shifted):
-                yield from paired_tests(f"{study.task}{under(setting)}, under {name}", shifted, tested)
+            for name in shift_names(alike):
+                shifted = [found for result in alike if (found := result.shifted.get(name))]
+                if tested := differences(shifted):
+                    title = f"{study.task}{under(seen)}{under(setting)}, under {name}"
+                    yield from paired_tests(title, shifted, tested)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 
 from juicer.evaluation import ConditionResult
 from juicer.reporting.comparison import by_observation
 from juicer.reporting.paper import paper_figures
 from juicer.reporting.section import Section, Table
 from juicer.study.material import Measured, TaskStudy
+from juicer.study.points import can_be_drawn, curve_points
 from juicer.study.statistics import Difference, differences, p_text, points
 
 REFERENCE = "bc"
@@ -37,9 +39,9 @@ def differences_section(studies: Sequence[TaskStudy]) -> Section | None:
     tables = []
     for study in studies:
         for setting, group in study.groups.items():
-            results = [each.result for each in group]
-            if found := differences(results):
-                tables += list(paired_tests(f"{study.task}{under(setting)}", results, found))
+            for seen, results in by_observation([each.result for each in group]).items():
+                if found := differences(results):
+                    tables += list(paired_tests(f"{study.task}{under(seen)}{under(setting)}", results, found))
     if not tables:
         return None
     return Section(
@@ -65,10 +67,11 @@ def interval_text(interval: tuple[float, float]) -> str:
 
 
 def _rates(study: TaskStudy) -> Iterator[Table]:
-    drawn = {name for curve in study.curves for name in curve.points}
+    curves = (curve_points(study, curve) for curve in study.curves)
+    drawn = {result.condition for found in curves if can_be_drawn(found) for _, result in found}
     columns = ("condition", "average", "95% interval", "best", "models", "episodes", "paper, average / best")
     for setting, group in study.groups.items():
-        # A point of a curve that stands alone is told there.
+        # Who differs from all others, and is a point of a curve, is told there.
         if len(group) == 1 and group[0].result.condition in drawn:
             continue
         for seen, results in by_observation([each.result for each in group]).items():
@@ -99,30 +102,28 @@ def _overview(studies: Sequence[TaskStudy]) -> Iterator[Table]:
     """One line a condition, one column a task, as in the paper."""
     if len(studies) < 2:
         return
-    plain = [each.result for study in studies for each in study.measured.values() if not each.setting]
-    for seen, results in by_observation(plain).items():
-        names = dict.fromkeys(result.condition for result in results)
-        yield _all_tasks(studies, tuple(names), under(seen))
+    columns = ("condition", *(study.task for study in studies))
+    plain = [[each.result for each in study.measured.values() if not each.setting] for study in studies]
+    grouped = [by_observation(results) for results in plain]
+    for seen in dict.fromkeys(name for groups in grouped for name in groups):
+        of_task = {
+            study.task: {result.condition: result for result in groups.get(seen, ())}
+            for study, groups in zip(studies, grouped, strict=True)
+        }
+        rows = tuple(_in_all_tasks(of_task, name) for name in dict.fromkeys(chain.from_iterable(of_task.values())))
+        yield Table(columns, rows, f"All tasks{under(seen)}: average / best, in brackets the paper's")
 
 
-def _all_tasks(studies: Sequence[TaskStudy], names: Sequence[str], seen: str) -> Table:
-    rows = []
-    for name in names:
-        found = [study.measured.get(name) for study in studies]
-        title = next(each.result.title for each in found if each)
-        cells = (
-            f"{percent(each.result.average)} / {percent(each.result.best)} "
-            f"({_of_paper(study.task, name).replace(' ', '')})"
-            if each
-            else "-"
-            for study, each in zip(studies, found, strict=True)
-        )
-        rows.append((title, *cells))
-    return Table(
-        ("condition", *(study.task for study in studies)),
-        tuple(rows),
-        f"All tasks{seen}: average / best, in brackets the paper's",
-    )
+def _in_all_tasks(of_task: Mapping[str, Mapping[str, ConditionResult]], name: str) -> tuple[str, ...]:
+    title = next(results[name].title for results in of_task.values() if name in results)
+    return title, *(_average_and_best(task, results.get(name)) for task, results in of_task.items())
+
+
+def _average_and_best(task: str, result: ConditionResult | None) -> str:
+    if result is None:
+        return "-"
+    paper = _of_paper(task, result.condition).replace(" ", "")
+    return f"{percent(result.average)} / {percent(result.best)} ({paper})"
 
 
 def under(setting: str) -> str:

@@ -42,9 +42,8 @@ class PrefectDisplay:
     def started(self, stage: str, label: str) -> Progress:
         """A stage begins."""
         listener = self._inner.started(stage, label)
-        self._progress = attempt(
-            create_progress_artifact, progress=0.0, key=_key(stage, label, "progress"), description=f"{stage} {label}"
-        )
+        key = artifact_key(stage, label, "progress")
+        self._progress = attempt(create_progress_artifact, progress=0.0, key=key, description=f"{stage} {label}")
         due = time.monotonic() + UPDATE_SECONDS
 
         def progress(done: int, total: int, **facts: float | str) -> None:
@@ -64,7 +63,7 @@ class PrefectDisplay:
         if self._progress and state == "done":
             attempt(update_progress_artifact, artifact_id=self._progress, progress=100.0)
         if state == "done":
-            attempt(create_markdown_artifact, markdown=_table(summary), key=_key(stage, label, "summary"))
+            attempt(create_markdown_artifact, markdown=_table(summary), key=artifact_key(stage, label, "summary"))
 
     def settled(self, label: str) -> None:
         """Prefect expects nothing."""
@@ -73,7 +72,7 @@ class PrefectDisplay:
 
 def shown_percent(stage: str, label: str) -> float | None:
     """How far a stage of the flow run around it is, wherever it runs; none if it has not begun."""
-    found = attempt(Artifact.get, key=_key(stage, label, "progress"))
+    found = attempt(Artifact.get, key=artifact_key(stage, label, "progress"))
     if found is None or str(found.flow_run_id) != flow_run.get_id():
         return None
     return float(found.data or 0.0)
@@ -88,7 +87,8 @@ def attempt(action: Any, **arguments: Any) -> Any:
         return None
 
 
-def _key(*parts: str) -> str:
+def artifact_key(*parts: str) -> str:
+    """Parts joined to a name that Prefect allows for an artifact."""
     return "-".join(re.sub(r"[^a-z0-9]+", "-", part.lower()).strip("-") for part in parts if part)
 
 

@@ -305,7 +305,7 @@ def loop(task: str) -> dict[str, Recipe]:
         session, checkpoint=made["retrain"], evaluations=(made["evaluate"],), config=ModesConfig(task=task)
     )
     rows = (ReportRow(condition="ta_ci", title="TA+CI", seed=0),)
-    shown = tuple(AnalysisRow(name=name, title="TA+CI", seed=0) for name in sorted(ANALYSES))
+    shown = tuple(AnalysisRow(name=name, condition="ta_ci", title="TA+CI", seed=0) for name in sorted(ANALYSES))
     made["report"] = report(
         session,
         evaluations=(made["evaluate"],),

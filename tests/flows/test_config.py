@@ -191,6 +191,24 @@ def test_what_has_no_randomness_has_one_seed():
     assert study.models == (("replay", 0), ("bc", 0), ("bc", 1))
 
 
+def test_a_part_of_a_study_replays_what_the_whole_does():
+    study = StudyConfig(conditions=["replay", "bc"], seeds=(3, 4))
+    assert study.models == (("replay", 3), ("bc", 3), ("bc", 4))
+    assert study.narrowed((), (4,)).models == (("replay", 3), ("bc", 4))
+
+
+def test_what_people_name_may_be_called_task(tmp_path):
+    text = "flow: study\nconditions: {task: {title: T, policy: task}}\npolicies: {task: {base: diffusion}}\n"
+    (run,) = load_runs(write(tmp_path, text))
+    assert (run.models[0], run.method("task").policy) == (("task", 0), "task")
+
+
+def test_conditions_that_people_could_not_tell_apart_are_refused(tmp_path):
+    text = "flow: study\nconditions: {mine: {title: BC}, bc: {}}\n"
+    with pytest.raises(ConfigError, match="'mine' and 'bc' have the same title, 'BC'; give one of them another"):
+        load_runs(write(tmp_path, text))
+
+
 def test_study_can_be_narrowed_to_what_it_has():
     study = StudyConfig(conditions=("bc", "ta"), seeds=(0, 1))
     narrow = study.narrowed(("ta",), (1,))

@@ -145,7 +145,7 @@ class Expecting(Evaluating):
 
 
 def evaluations_expected(board):
-    return sum(stage == "evaluate" for stage, _ in board._forecast.expected)
+    return sum(len(calls) for (stage, _), calls in board._forecast.expected.items() if stage == "evaluate")
 
 
 def follow(store):

@@ -61,4 +61,4 @@ def test_the_page_shows_an_analysis_with_its_numbers_as_text(report_data):
 
 
 def test_an_analysis_has_a_file_name_that_every_system_takes():
-    assert AnalysisRow(name="fig4", title="TA+CI (images)", seed=2).file_name == "fig4_TA_CI_images_2"
+    assert AnalysisRow(name="fig4", condition="ta_ci", title="TA+CI (images)", seed=2).file_name == "fig4.ta_ci.2"

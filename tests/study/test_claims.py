@@ -168,7 +168,7 @@ def test_statements_are_of_tasks_on_which_the_papers_own_averages_agree_with_the
 
 def sampled(title, **apart):
     shown = ShownAnalysis("fig4", "", apart={steps.lstrip("n"): each for steps, each in apart.items()})
-    return AnalysisRow(name="fig4", title=title, seed=0), shown
+    return AnalysisRow(name="fig4", condition="bc", title=title, seed=0), shown
 
 
 @pytest.mark.parametrize(
@@ -183,7 +183,7 @@ def sampled(title, **apart):
 )
 def test_few_steps_of_the_sampler_do_if_their_samples_are_as_those_of_many(study, result, apart, ruling):
     analyses = tuple(sampled(f"BC {number}", n8=each, chance=0.03) for number, each in enumerate(apart))
-    other = AnalysisRow(name="modes", title="BC", seed=0), ShownAnalysis("modes", "")
+    other = AnalysisRow(name="modes", condition="bc", title="BC", seed=0), ShownAnalysis("modes", "")
     told = replace(study(result("bc", 0.5)), analyses=(other, *analyses))
     verdict = SampledAlike(8, within=0.1).judge(told)
     assert verdict.ruling is ruling

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import pytest
 
 from juicer.study.effort import effort_section
@@ -130,3 +132,16 @@ def test_pages_say_of_which_randomness_and_temperament_recordings_are(made):
     rows = [(row[1], row[4]) for row in section.tables[0].rows]
     assert rows == [("low", "scripted operator"), ("med", "scripted operator, human-like")]
     assert made.study.base == "2 demonstrations, recorded by a scripted operator, human-like"
+
+
+def test_of_recordings_that_were_removed_nothing_is_said_rather_than_that_people_made_them(made):
+    summary = {"device": "scripted operator", "logs": 2}
+    logs = made.artifact("record", "logs", summary=summary, config={"task": "one_leg", "randomness": "low"})
+    summary = {"episodes": 2, "steps": 1200, "idle_steps_dropped": 0}
+    inputs = {"logs": (logs,)}
+    episodes = made.artifact("ingest", "episodes", summary=summary, config={"task": "one_leg"}, inputs=inputs)
+    made.evaluation("bc", made.artifact("train", "checkpoint", inputs={"episodes": (episodes,)}))
+    shutil.rmtree(made.store.cache / str(logs))
+    section = effort_section([made.study])
+    assert section is not None
+    assert section.tables[0].rows[0][:5] == ("one_leg", "-", "2", "-", "-")

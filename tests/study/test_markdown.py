@@ -23,6 +23,8 @@ def test_a_page_holds_its_tables_and_its_drawings_lie_beside_it(tmp_path):
     assert "| made on | today |" in text
     assert "| x | rate |\n| --- | ---: |\n| 1 | 50% |" in text
     assert "![A curve](study/curve.png)" in text
+    write_markdown(tmp_path / "my study (2).md", "my study", {}, [section])
+    assert "![A curve](my%20study%20%282%29/curve.png)" in (tmp_path / "my study (2).md").read_text()
 
 
 def test_what_names_say_stays_text(tmp_path):
@@ -40,9 +42,10 @@ def test_conditions_that_change_alike_are_tested_with_each_other_only(study, res
     rates, tests = sections([tried], (success_section, differences_section))
     titles = ["one_leg", "one_leg, randomness med", "one_leg, rounds 2"]
     assert [table.title for table in rates.tables] == titles
-    curve = Curve(name="rounds", title="R", axis="r", fit="none", points={"alone": 2})
-    (drawn,) = sections([replace(tried, curves=(curve,))], (success_section,))
-    assert [table.title for table in drawn.tables] == titles[:2], "it is told with the curve"
+    for points, told in (({"bc": 1, "alone": 2}, titles[:2]), ({"alone": 2, "not_yet": 3}, titles)):
+        curve = Curve(name="rounds", title="R", axis="r", fit="none", points=points)
+        (rates,) = sections([replace(tried, curves=(curve,))], (success_section,))
+        assert [table.title for table in rates.tables] == told, "with the curve, if there is one"
     assert [[row[0] for row in table.rows] for table in tests.tables] == [["BC → TA"], ["TEN_BC → TEN_TA"]]
     assert tests.tables[0].rows[0][1] == "+40 points"
 
@@ -64,6 +67,19 @@ def test_tasks_stand_side_by_side_as_in_the_paper(study, result):
     assert overview.rows == (("BC", "50% / 60% (59%/68%)", "10% / 10% (6%/7%)"), ("TA", "80% / 80% (64%/65%)", "-"))
 
 
+def test_tasks_stand_side_by_side_where_they_saw_the_same_under_the_settings_of_the_study(study, result):
+    seen, told, med = (result("bc", rate) for rate in (0.4, 0.1, 0.9))
+    seen = replace(seen, observes="images", title="BC (images)")
+    ta = result("ta", 0.8)
+    one_leg = study(seen, ta)
+    lamp = replace(study(told), task="lamp")
+    square_table = replace(study(med, settings={"bc": "randomness med"}), task="square_table")
+    images, states = success_section([one_leg, lamp, square_table]).tables[:2]
+    assert images.rows == (("BC (images)", "40% / 40% (59%/68%)", "-", "-"),)
+    assert [row[0] for row in states.rows] == ["TA", "BC"]
+    assert states.rows[1][1:] == ("-", "10% / 10% (6%/7%)", "-")
+
+
 def test_state_and_image_results_share_no_table(study, result):
     seeing = replace(result("eyes", 0.5, 0.6), observes="images; poses in training")
     mixed = study(
@@ -72,4 +88,6 @@ def test_state_and_image_results_share_no_table(study, result):
     tables = success_section([mixed, mixed]).tables
     for table in tables:
         assert len({row[0] == "EYES" for row in table.rows}) == 1
+    (tested,) = differences_section([mixed]).tables
+    assert [row[0] for row in tested.rows] == ["BC → TA"]
     assert {"one_leg", "one_leg, images; poses in training"} <= {table.title for table in tables}

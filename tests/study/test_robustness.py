@@ -20,6 +20,18 @@ def test_rates_and_tests_under_a_shift_stand_together(result, study):
     assert tests.rows[0][:2] == ("BC → TA", "+70 points")
 
 
+def test_who_sees_images_is_tested_with_others_that_do(result, study):
+    usual, images = (("bc", 0.2), ("ta", 0.9)), (("eyes", 0.5), ("lens", 0.6))
+    results = [
+        replace(result(name, 0.8), shifted={"push": result(name, pushed)}, observes=observes)
+        for observes, pairs in (("", usual), ("images", images))
+        for name, pushed in pairs
+    ]
+    _, told, _, seeing = robustness_section([study(*results)]).tables
+    assert (told.title, [row[0] for row in told.rows]) == ("one_leg, under push", ["BC → TA"])
+    assert (seeing.title, [row[0] for row in seeing.rows]) == ("one_leg, images, under push", ["EYES → LENS"])
+
+
 def test_where_nothing_was_measured_under_a_shift_there_is_no_such_section(result, study):
     bc, ta = result("bc", 0.8), result("ta", 0.9)
     assert robustness_section([study(bc, ta)]) is None

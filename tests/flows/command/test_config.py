@@ -35,6 +35,7 @@ def printed(capsys, *arguments):
         ["paper_study", "--condition", "bc", "--condition", "ta", "--task", "lamp", "--task", "one_leg", "--seed", "1"],
         ["paper_study", "--condition", "ten_bc", "--task", "one_leg"],
         ["laptop", "--seed", "4", "--condition", "ci"],
+        ["demo", "--set", 'logs="/tmp/🦾 \\x85 logs"'],
         ["demo", "--set", "name=true-", "--set", "logs='/tmp/a b: c#'", "--set", "labels=~/x.csv"],
     ],
 )

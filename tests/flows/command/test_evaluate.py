@@ -2,20 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 from flows.command.cli import call
 from flows.command.evaluate import evaluate_checkpoint
+from flows.running.repair import Repaired
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import Outcome
-from juicer.errors import ConfigError
+from juicer.errors import ArtifactError, ConfigError
 from juicer.storage.evaluations import EvaluationRow
 from juicer.tasks.registry import get_task
 from stages.evaluate import facts
+
+
+def test_where_damage_is_kept_is_told_even_if_the_next_repair_fails(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("JUICER_DATA", str(tmp_path))
+    with ArtifactStore(tmp_path).create(Recipe("train", "checkpoint")) as draft:
+        pass
+
+    def repair(*arguments: Any) -> Iterator[Repaired]:
+        yield Repaired(ArtifactRef("dataset", "0" * 16), True, "/somewhere/.aside/1")
+        raise ArtifactError("the disk is full")
+
+    monkeypatch.setattr("flows.command.evaluate.repair", repair)
+    assert call(["repair", draft.ref.id]) == 1
+    told = capsys.readouterr()
+    assert "what was there before is kept in /somewhere/.aside/1" in told.out
+    assert "the disk is full" in told.err
 
 
 @pytest.mark.parametrize("width", [0.0, 1.0, -0.2, float("nan")])

@@ -24,6 +24,22 @@ def episodes(tmp_path, monkeypatch, insertions):
     return draft.ref
 
 
+def test_of_several_devices_the_first_computes_an_episode_again(monkeypatch, episodes):
+    class Chosen(Exception):
+        pass
+
+    def choose(*arguments):
+        raise Chosen(arguments[-1])
+
+    monkeypatch.setenv("JUICER_DEVICE", "cuda:1,cuda:0")
+    for command in ("replay", "view"):
+        monkeypatch.setattr(f"flows.command.{command}.choose", choose)
+    monkeypatch.setattr("juicer.imaging.rerun_recording.require_rerun", lambda: None)
+    for command in ("replay", "view"):
+        with pytest.raises(Chosen, match=r"^cuda:1$"):
+            call([command, episodes.id])
+
+
 @pytest.mark.skipif(HAS_RERUN, reason="Rerun is installed")
 def test_without_rerun_it_is_said_how_to_get_it(capsys, tmp_path, episodes):
     path = tmp_path / "episode.rrd"

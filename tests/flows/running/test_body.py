@@ -62,6 +62,16 @@ def test_a_flow_run_links_to_the_lineage_where_pages_are_served(store, report):
     assert told["lineage"] == f"[Lineage]({lineage_of(str(report), 'http://127.0.0.1:8000')})"
 
 
+def test_a_table_that_prefect_does_not_take_costs_no_finished_run(store, report, monkeypatch):
+    def refuse(**arguments):
+        raise RuntimeError("the server is away")
+
+    monkeypatch.setattr("flows.running.body.create_table_artifact", refuse)
+    monkeypatch.setattr("flows.running.body.create_markdown_artifact", refuse)
+    monkeypatch.setattr(RunOutcome, "findings", ("TA, seed 0: no successful rollout",))
+    assert set(shown(RunOutcome((), report), store, "http://127.0.0.1:8000")) == {"lineage"}
+
+
 @pytest.mark.parametrize("pages", ["", "http://127.0.0.1:8000"])
 def test_a_flow_run_links_to_no_page_that_is_not_there(store, report, pages):
     outcome = RunOutcome((), None if pages else report)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from flows.config import StudyConfig
-from flows.loop import ModelOutcome
+from flows.loop import ModelOutcome, run_model
 from flows.running.tracking import Tracking
 from flows.runs import parse_runs
 from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
 from juicer.expert.human import Human
 from stages.augment import AugmentConfig
 from stages.record import RecordSection
+from stages.runtime.context import NoRecord
+from stages.runtime.session import Session
 
 
 class Noting:
@@ -26,6 +29,31 @@ def identity(conditions, **config):
     outcome = ModelOutcome(name, "BC", 0, ArtifactRef("checkpoint", "0" * 16), ArtifactRef("evaluation", "1" * 16))
     Tracking(noting, config).finish(outcome)
     return noting.model.identity
+
+
+class Turn:
+    """Record of nothing, which knows after how many turns of collect, select, train it is one."""
+
+    def __init__(self, turn=0):
+        self.turn = turn
+
+    def for_round(self, turn):
+        return Turn(turn)
+
+
+def test_the_curves_of_a_model_for_several_tasks_are_those_of_its_last_training(tmp_path):
+    (run, _) = parse_runs({"base": "laptop", "tasks": ["one_leg", "lamp"], "condition": "multitask"}, "here")
+    records = []
+
+    def perform(call, session):
+        if call.stage.name == "train":
+            records.append(session.record)
+        return call.recipe.ref
+
+    run_model(Session(ArtifactStore(tmp_path), performer=perform, record=Turn()), run, "multitask", 0)
+    *gathered, final = records
+    assert {type(record) for record in gathered} == {NoRecord}
+    assert (len(gathered), final.turn) == (2, 1)
 
 
 def test_what_a_condition_changes_makes_it_another_model_only_if_its_training_or_measurement_differs():

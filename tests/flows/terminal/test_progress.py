@@ -36,7 +36,7 @@ def board(output, clock):
 
 def test_plain_lines_tell_beginning_advance_time_left_and_end(board, output, clock):
     with board:
-        board.expect({("train", "bc seed 0"): None, ("evaluate", "bc seed 0"): 60.0})
+        board.expect([(("train", "bc seed 0"), None), (("evaluate", "bc seed 0"), 60.0)])
         progress = board.started("train", "bc seed 0")
         clock.seconds += 14
         progress(49, 200, loss=0.5)
@@ -70,7 +70,7 @@ def test_a_plain_line_without_facts_has_no_gap(board, output, clock):
 
 
 def test_estimate_admits_what_it_does_not_know(board):
-    board.expect({("train", "a"): 100.0, ("evaluate", "a"): None})
+    board.expect([(("train", "a"), 100.0), (("evaluate", "a"), None)])
     assert board.seconds_left() == (50.0, False)
     board.finished("evaluate", "a", "reused", {})
     assert board.seconds_left() == (50.0, True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -91,7 +92,7 @@ def test_a_last_run_that_took_less_promises_nothing_any_more():
 
 
 def test_a_run_adds_what_is_to_come_by_what_its_own_stages_took():
-    forecast = Forecast(2, {("train", "a"): None, ("train", "b"): None})
+    forecast = Forecast(2, {("train", "a"): [None], ("train", "b"): [None]})
     forecast.begin(("train", "a"), 0.0).report(1, 2, {SECONDS_LEFT: 30}, 30.0)
     assert forecast.seconds_left(30.0) == (30.0, False)
     assert forecast.end(("train", "a"), 60.0, is_done=True) == 60.0
@@ -100,6 +101,20 @@ def test_a_run_adds_what_is_to_come_by_what_its_own_stages_took():
 
 def test_what_is_settled_has_nothing_to_come_and_others_keep_theirs():
     calls = [("train", "bc seed 1 round 2"), ("evaluate", "bc seed 1"), ("evaluate", "bc seed 10")]
-    forecast = Forecast(1, dict.fromkeys(calls, 60.0))
+    forecast = Forecast(1, {call: [60.0] for call in calls})
     forecast.drop("bc seed 1")
     assert forecast.seconds_left(0.0) == (60.0, True)
+
+
+def test_of_calls_with_one_label_each_is_counted_and_lasts_as_long_as_its_own_like():
+    call = ("evaluate", "bc seed 0")
+    forecast = Forecast(1, {call: [60.0, 900.0]}, Counter({call: 1}))
+    assert forecast.num_expected == 2
+    assert forecast.end(call, 0.0, is_done=False) is None
+    assert forecast.num_expected == 2
+    forecast.begin(call, 0.0)
+    assert forecast.seconds_left(10.0) == (950.0, True)
+    forecast.end(call, 60.0, is_done=True)
+    assert (forecast.num_expected, forecast.begin(call, 60.0).before) == (1, 900.0)
+    forecast.end(call, 900.0, is_done=True)
+    assert forecast.num_expected == 0
