@@ -60,6 +60,8 @@ class FlowConfig(LoopConfig):
 
     @model_validator(mode="after")
     def _is_possible(self, info: ValidationInfo) -> Self:
+        if not self.models:
+            raise ValueError(_ONE_SEED.format(self.first_seed))
         _check_run(self, info.context or nowhere)
         stop = self.evaluate.stop
         settings = [self.method(name).setting_in_words for name in self.chosen]
@@ -107,6 +109,11 @@ class FlowConfig(LoopConfig):
     def nameable(self) -> Collection[str]:
         """Names of the conditions that what is said of them may name."""
         return self.conditions
+
+    @property
+    @abstractmethod
+    def first_seed(self) -> int:
+        """The seed whose models are analysed where not those of every seed are; what replays has no other."""
 
     @property
     @abstractmethod
@@ -197,7 +204,8 @@ class StudyConfig(FlowConfig):
     Attributes:
         conditions: What is compared: what each condition is made of, by name.
         curves: By name, conditions that differ in one number, drawn over it.
-        analysed_seed: The seed whose models are analysed where not those of every seed are; if empty, the first.
+        analysed_seed: The seed whose models are analysed where not those of every seed are, and the only one of what
+            has no randomness; if empty, the first.
         left_out: Conditions that a part of a study leaves out; what was said of the whole may still name them.
     """
 
@@ -273,6 +281,8 @@ class StudyConfig(FlowConfig):
                 "curves": {name: curve for name, curve in curves.items() if curve.conditions},
             }
         )
+        if not part.models:
+            raise ConfigError(_ONE_SEED.format(self.first_seed))
         return part.trimmed()
 
     @field_validator("seeds")
@@ -291,21 +301,24 @@ class StudyConfig(FlowConfig):
 
     @property
     def first_seed(self) -> int:
-        """The seed whose models are analysed where not those of every seed are."""
+        """The first of the whole study."""
         return self.seeds[0] if self.analysed_seed is None else self.analysed_seed
 
     @property
     def models(self) -> tuple[tuple[str, int], ...]:
         """Conditions and seeds to train, seeds outermost; what has no randomness has the study's first seed only."""
         return tuple(
-            (name, self.first_seed if condition.replay else seed)
+            (name, seed)
             for seed in self.seeds
             for name, condition in self.conditions.items()
-            if seed == self.seeds[0] or not condition.replay
+            if seed == self.first_seed or not condition.replay
         )
 
 
 RunConfig = CollectInferConfig | StudyConfig
+
+
+_ONE_SEED = "there is no model: what replays has one seed, {}, which is none of the seeds"
 
 
 def _check_run(config: FlowConfig, place: Place) -> None:

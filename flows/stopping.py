@@ -85,17 +85,15 @@ def open_conditions(study: TaskStudy, stop: StopConfig) -> dict[str, str]:
     """Conditions whose evaluation goes on, and why: what the report would say of them is not settled yet.
 
     The comparisons are those of the report, with p-values adjusted for their number as there: all pairs of conditions
-    that differ in their method alone. What is compared with none is evaluated to the end, unless a width is asked for.
+    that differ in their method alone and see the same. What is compared with none is evaluated to the end, unless a
+    width is asked for.
 
     Args:
         study: All conditions so far.
         stop: What is to be known.
     """
-    tests = [
-        test
-        for group in (study.groups.values() if stop.comparison else ())
-        for test in differences([measured.result for measured in group])
-    ]
+    groups = (results for _, results in study.tested_together) if stop.comparison else ()
+    tests = [test for results in groups for test in differences(results)]
     compared = {name for test in tests for name in _names(test)}
     undecided = {name for test in tests if not test.is_significant for name in _names(test)}
     found = {}

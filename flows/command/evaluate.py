@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import typer
+
 from flows.running.context import open_run
 from flows.running.data_folder import open_store, prepare_folder
 from flows.running.device import check_device
@@ -96,8 +98,8 @@ def repair_artifact(text: str, files: Path | None, as_json: bool) -> None:
     with run_on(text) as (session, ref):
         for each in repair(session, ref, files):
             repaired.append(each)
-            if not as_json:
-                _say_repaired(each)
+            # At once: where things are now is to be known also if a later repair fails.
+            _say_repaired(each, to_stderr=as_json)
     if as_json:
         aside = {str(each.ref): each.aside for each in repaired if each.aside}
         say_json({"repaired": [str(each.ref) for each in repaired], "aside": aside})
@@ -105,7 +107,9 @@ def repair_artifact(text: str, files: Path | None, as_json: bool) -> None:
         say(f"{ref} is whole; nothing to repair")
 
 
-def _say_repaired(each: Repaired) -> None:
-    say(f"recomputed {each.ref}" if each.recomputed else f"restored {each.ref} without computing anything")
+def _say_repaired(each: Repaired, *, to_stderr: bool) -> None:
+    done = f"recomputed {each.ref}" if each.recomputed else f"restored {each.ref} without computing anything"
+    typer.echo(done, err=to_stderr)
     if each.aside:
-        say(f"  what was there before is kept in {each.aside}; delete it when you need it no more")
+        kept = f"  what was there before is kept in {each.aside}; delete it when you need it no more"
+        typer.echo(kept, err=to_stderr)

@@ -46,7 +46,7 @@ def replay_episode(
         episode = chosen.episode
         steps = every(episode, stride)
         captioner = _captioner(chosen, video_format)
-        progress = run_context.board.started("replay", video.name)
+        progress = run_context.board.started("replay", video.name, str(ref))
 
         def images() -> Iterator[Image]:
             for done, image in enumerate(captioner.captioned(draw(episode, steps, video_format)), start=1):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Sequence
 
 from prefect.artifacts import (
@@ -57,7 +58,7 @@ def _show(outcome: RunOutcome, config: RunConfig, store: ArtifactStore, pages: s
     for figure in sorted(store.open(outcome.report).glob("*.png")) if outcome.report else ():
         address = f"data:image/png;base64,{base64.b64encode(figure.read_bytes()).decode()}"
         key = artifact_key(figure.stem)
-        caption = _VARIED_IMAGES if figure.stem.startswith(VARIED) else figure.stem.replace("_", " ")
+        caption = _VARIED_IMAGES if figure.stem.startswith(VARIED) else re.sub("[_.]", " ", figure.stem)
         attempt(create_image_artifact, image_url=address, key=key, description=caption)
     if pages and outcome.report:
         link = lineage_of(str(outcome.report), pages)

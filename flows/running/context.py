@@ -16,6 +16,7 @@ from flows.running.services import find_pages, find_services
 from flows.running.settings import Settings
 from flows.running.tracking import Tracking
 from flows.terminal.progress import Board
+from flows.terminal.time_left import Call
 from juicer.artifacts.catalog import catalog_of, kind_of_work
 from stages.runtime.execution import perform_here
 from stages.runtime.session import Performer, Session
@@ -101,8 +102,10 @@ def expect(context: RunContext, planned: list[PlannedCall], folder: Path) -> Non
     # The newest come first in a catalog, and the last one of a kind of work is to count.
     seconds = {entry.work: entry.seconds for kind in kinds for entry in reversed(catalog.whole(kind).entries)}
     context.board.expect(
-        [((entry.stage, entry.label), seconds.get(kind_of_work(entry.call.recipe))) for entry in to_come],
-        [(entry.stage, entry.label) for entry in planned if entry.exists],
+        {
+            str(entry.ref): Call(entry.stage, entry.label, seconds.get(kind_of_work(entry.call.recipe)))
+            for entry in to_come
+        }
     )
 
 

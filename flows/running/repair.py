@@ -13,7 +13,7 @@ from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.config import parse_config
-from juicer.errors import ArtifactError, ArtifactNotFound, DamagedArtifact, StrayFile, UnreadableArtifact
+from juicer.errors import ArtifactError, ArtifactNotFound, ConfigError, DamagedArtifact, StrayFile, UnreadableArtifact
 from juicer.text import printable
 from stages.runtime.catalog import find_stage
 from stages.runtime.session import Session
@@ -85,16 +85,18 @@ def rebuild_call(recipe: Recipe, folder: Path | None, origins: Origins) -> Stage
         ArtifactError: If the stage would make another artifact today, because code, libraries or files changed.
     """
     stage, origin = find_stage(recipe.stage), f"the manifest of {recipe.ref}"
-    arguments: dict[str, Any] = {"config": parse_config(recipe.config, stage.config_model, origin=origin)}
     failure = f"{recipe.ref} cannot be made again as it was"
     successor = "run its flow again to make its successor"
     try:
+        arguments: dict[str, Any] = {"config": parse_config(recipe.config, stage.config_model, origin=origin)}
         for role, refs in recipe.inputs.items():
             arguments[role] = refs if stage.takes_many(role) else refs[0]
         for label in recipe.files:
             role, _, name = label.partition("/")
             path = _file(name, folder)
             arguments[role] = (*arguments.get(role, ()), path) if stage.takes_many(role) else path
+    except ConfigError as error:
+        raise ArtifactError(f"{failure}: {error}; {successor}") from None
     except KeyError as error:
         raise ArtifactError(f"{failure}: stage '{recipe.stage}' takes no {printable(error)}; {successor}") from None
     call = stage.prepare(origins, **arguments)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from types import TracebackType
 from typing import Any, Self
@@ -59,28 +58,20 @@ class Board:
         """Leave nothing but the lines of finished stages."""
         self._bars.stop()
 
-    def expect(self, calls: Iterable[tuple[Call, float | None]], reusable: Iterable[Call] = ()) -> None:
-        """Learn what is to come.
-
-        Args:
-            calls: Stages by name and label, in their order, and how long each took when it last ran, if it did.
-            reusable: Those whose artifacts exist.
-        """
-        expected: dict[Call, list[float | None]] = {}
-        for call, seconds in calls:
-            expected.setdefault(call, []).append(seconds)
+    def expect(self, calls: Mapping[str, Call]) -> None:
+        """Learn which artifacts are to be made, and by which calls."""
         with self._lock:
-            self._forecast.expected, self._forecast.reusable = expected, Counter(reusable)
+            self._forecast.expected = dict(calls)
 
     def say(self, message: str) -> None:
         """Print a line that stays."""
         self.console.print(message, markup=False, soft_wrap=True)
 
-    def started(self, stage: str, label: str) -> Progress:
+    def started(self, stage: str, label: str, artifact: str) -> Progress:
         """A stage begins."""
         spoken = self._clock()
         with self._lock:
-            work = self._forecast.begin((stage, label), spoken)
+            work = self._forecast.begin(artifact, stage, spoken)
         bar = self._bars.add_task(f"{stage} {label}", total=None, state="begins", facts="")
         if self._bars.disable:
             self.say(f"{_time_of_day()}  {stage:9} {label:24} begins")
@@ -99,10 +90,10 @@ class Board:
 
         return progress
 
-    def finished(self, stage: str, label: str, state: str, summary: Mapping[str, Any]) -> None:
+    def finished(self, stage: str, label: str, artifact: str, state: str, summary: Mapping[str, Any]) -> None:
         """A stage is over."""
         with self._lock:
-            seconds = self._forecast.end((stage, label), self._clock(), is_done=state == "done")
+            seconds = self._forecast.end(artifact, stage, self._clock(), is_done=state == "done")
             self._finished += state in ("done", "reused")
         for bar in self._bars.tasks:
             if bar.description == f"{stage} {label}":
@@ -126,7 +117,7 @@ class Board:
 
     def _total(self) -> str:
         seconds, is_complete = self.seconds_left()
-        waiting = self._forecast.num_expected
+        waiting = len(self._forecast.expected)
         so_far = f"{duration(self._clock() - self._started)} so far, {self._finished} stages done"
         if not waiting:
             return so_far

@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from statistics import fmean
 
 from juicer.progress import EXPECTED_STEPS, SECONDS_LEFT, STEPS
 
-Call = tuple[str, str]
-"""Name of a stage, and which condition, seed and round it runs for."""
-
 LEAST_SHARE = 0.05
 """Of its units, that a stage must have done before its pace tells how long the others take."""
+
+
+@dataclass(frozen=True)
+class Call:
+    """A stage call that is to come.
+
+    Attributes:
+        stage: Name of the stage.
+        label: Which condition, seed and round it runs for.
+        seconds: How long its like took when it last ran, if it did.
+    """
+
+    stage: str
+    label: str
+    seconds: float | None = None
 
 
 @dataclass
@@ -72,63 +83,45 @@ class Forecast:
 
     Attributes:
         workers: Stages that run at a time.
-        expected: How long each call that is to come or running took when its like last ran, if it did; in their order,
-            where several have one label.
-        reusable: How many calls that the store knows already are to come.
-        running: What runs.
+        expected: Calls to come or running, by the artifacts that they make.
+        running: What runs, likewise.
     """
 
     workers: int
-    expected: dict[Call, list[float | None]] = field(default_factory=dict)
-    reusable: Counter[Call] = field(default_factory=Counter)
-    running: dict[Call, Work] = field(default_factory=dict)
+    expected: dict[str, Call] = field(default_factory=dict)
+    running: dict[str, Work] = field(default_factory=dict)
     _took: dict[str, list[float]] = field(default_factory=dict)
 
-    @property
-    def num_expected(self) -> int:
-        """How many calls are to come or running."""
-        return sum(map(len, self.expected.values()))
-
-    def begin(self, call: Call, now: float) -> Work:
+    def begin(self, artifact: str, stage: str, now: float) -> Work:
         """A stage begins."""
-        seconds, *_ = self.expected.get(call, [None])
-        self.running[call] = Work(now, self._before(call, seconds))
-        return self.running[call]
+        self.running[artifact] = Work(now, self._before(self.expected.get(artifact, Call(stage, ""))))
+        return self.running[artifact]
 
-    def end(self, call: Call, now: float, *, is_done: bool) -> float | None:
+    def end(self, artifact: str, stage: str, now: float, *, is_done: bool) -> float | None:
         """A stage is over; gives how long it ran, if it did."""
-        work = self.running.pop(call, None)
-        if work is None and self.reusable[call]:
-            self.reusable[call] -= 1
-            return None
-        _, *further = self.expected.pop(call, [None])
-        if further:
-            self.expected[call] = further
+        self.expected.pop(artifact, None)
+        work = self.running.pop(artifact, None)
         if work is None:
             return None
         if is_done:
-            self._took.setdefault(call[0], []).append(now - work.started)
+            self._took.setdefault(stage, []).append(now - work.started)
         return now - work.started
 
     def drop(self, label: str) -> None:
         """No stage of a condition and seed, in whatever round, is to come any more."""
-        for call in list(self.expected):
-            if f"{call[1]} ".startswith(f"{label} "):
-                del self.expected[call]
+        for artifact, call in list(self.expected.items()):
+            if f"{call.label} ".startswith(f"{label} "):
+                del self.expected[artifact]
 
     def seconds_left(self, now: float) -> tuple[float, bool]:
         """Time until everything expected is done, and whether nothing is missing in that estimate."""
         running = [work.seconds_left(now) for work in self.running.values()]
-        waiting = [
-            self._before(call, seconds)
-            for call, expected in self.expected.items()
-            for seconds in expected[call in self.running :]
-        ]
+        waiting = [self._before(call) for artifact, call in self.expected.items() if artifact not in self.running]
         known = [seconds for seconds in running if seconds is not None]
         total = (sum(known) + sum(seconds for seconds in waiting if seconds is not None)) / self.workers
         return max([total, *known]), None not in running and None not in waiting
 
-    def _before(self, call: Call, seconds: float | None) -> float | None:
+    def _before(self, call: Call) -> float | None:
         """How long such a call took when it last ran; else how long its stage took in this run."""
-        took = self._took.get(call[0])
-        return fmean(took) if seconds is None and took else seconds
+        took = self._took.get(call.stage)
+        return fmean(took) if call.seconds is None and took else call.seconds

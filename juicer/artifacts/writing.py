@@ -41,13 +41,13 @@ def explained(root: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        reason = refusal(error, root)
+        reason = disk_refusal(error, root)
         if reason is None:
             raise
         raise StoreNotWritable(f"the artifact store in '{root}' cannot be written: {reason}") from error
 
 
-def refusal(error: OSError, root: Path) -> str | None:
+def disk_refusal(error: OSError, root: Path) -> str | None:
     """Why a disk refuses a write below ``root``, and what helps; none if the disk is not to blame."""
     return _DISK.get(error.errno or 0) or _trouble_with_place(error, root)
 

@@ -37,7 +37,7 @@ class AnalysisRow(StrictConfig):
 
     @property
     def file_name(self) -> str:
-        """The same as the name of a file without its ending, e.g. ``spread.ta_ci.0``; no other analysis has it."""
+        """The same as the name of a file without its ending, e.g. ``spread.ta_ci.0``."""
         return f"{self.name}.{self.condition}.{self.seed}"
 
 

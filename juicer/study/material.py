@@ -11,7 +11,7 @@ from juicer.artifacts.store import ArtifactStore
 from juicer.config import canonical_json
 from juicer.evaluation import ConditionResult
 from juicer.reporting.analyses import AnalysisRow
-from juicer.reporting.comparison import ReportRow, condition_results
+from juicer.reporting.comparison import ReportRow, by_observation, condition_results
 from juicer.reporting.content import ShownAnalysis
 from juicer.reporting.setting import Setting
 from juicer.reporting.sources import Sources
@@ -68,8 +68,9 @@ class TaskStudy:
         return found.result if found else None
 
     def are_paired(self, first: ConditionResult, second: ConditionResult) -> bool:
-        """Whether episodes of a number start from the same state and may take as long for two conditions."""
-        return self.measured[first.condition].states == self.measured[second.condition].states
+        """Whether two policies see the same, from the same initial states, and may take as long."""
+        states = (self.measured[each.condition].states for each in (first, second))
+        return len(set(states)) == len(by_observation([first, second])) == 1
 
     @property
     def base(self) -> str:
@@ -116,6 +117,21 @@ class TaskStudy:
                 told = ", ".join(filter(None, (told, "other initial states")))
             words[told] = group
         return words
+
+    @property
+    def tested_together(self) -> Iterator[tuple[str, list[ConditionResult]]]:
+        """Results that are tested with each other, and what they have in common, as the end of a heading.
+
+        They differ in their method alone, and their policies see the same.
+        """
+        for setting, group in self.groups.items():
+            for seen, results in by_observation([each.result for each in group]).items():
+                yield f"{under(seen)}{under(setting)}", results
+
+
+def under(setting: str) -> str:
+    """What a group of conditions has in common, as the end of a heading."""
+    return f", {setting}" if setting else ""
 
 
 def temperament_of(recording: Manifest) -> str:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from juicer.reporting.comparison import by_observation, robustness_table, shift_names
+from juicer.reporting.comparison import robustness_table, shift_names
 from juicer.reporting.section import Section, Table
 from juicer.study.material import TaskStudy
 from juicer.study.statistics import differences
-from juicer.study.success import paired_tests, under
+from juicer.study.success import paired_tests
 
 
 def robustness_section(studies: Sequence[TaskStudy]) -> Section | None:
@@ -28,14 +28,11 @@ def robustness_section(studies: Sequence[TaskStudy]) -> Section | None:
 
 
 def _tables(study: TaskStudy) -> Iterator[Table]:
-    for setting, group in study.groups.items():
-        results = [each.result for each in group]
-        for seen, alike in by_observation(results).items():
-            if any(found for result in alike for found in result.shifted.values()):
-                columns, rows = robustness_table(alike)
-                yield Table(tuple(columns), tuple(map(tuple, rows)), f"{study.task}{under(seen)}{under(setting)}")
-            for name in shift_names(alike):
-                shifted = [found for result in alike if (found := result.shifted.get(name))]
-                if tested := differences(shifted):
-                    title = f"{study.task}{under(seen)}{under(setting)}, under {name}"
-                    yield from paired_tests(title, shifted, tested)
+    for alike, results in study.tested_together:
+        if any(found for result in results for found in result.shifted.values()):
+            columns, rows = robustness_table(results)
+            yield Table(tuple(columns), tuple(map(tuple, rows)), f"{study.task}{alike}")
+        for name in shift_names(results):
+            shifted = [found for result in results if (found := result.shifted.get(name))]
+            if tested := differences(shifted):
+                yield from paired_tests(f"{study.task}{alike}, under {name}", shifted, tested)

@@ -7,6 +7,7 @@ from enum import StrEnum
 from typing import Protocol
 
 from juicer.analysis.sampling import CHANCE
+from juicer.reporting.comparison import by_observation
 from juicer.study.curves import Curve
 from juicer.study.material import TaskStudy
 from juicer.study.points import curve_points, fit_of, rivals, rounded
@@ -250,6 +251,8 @@ def _missing(study: TaskStudy, *conditions: str, settings: bool = False) -> str:
     ):
         return f"the statement is about methods alone, and more is changed ({told})"
     first, *others = (each.result for each in compared)
+    if len(by_observation([first, *others])) > 1:
+        return "their policies do not see the same"
     if all(study.are_paired(first, other) for other in others):
         return ""
     return "their episodes start from different states, or may take longer"

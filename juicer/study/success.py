@@ -9,7 +9,7 @@ from juicer.evaluation import ConditionResult
 from juicer.reporting.comparison import by_observation
 from juicer.reporting.paper import paper_figures
 from juicer.reporting.section import Section, Table
-from juicer.study.material import Measured, TaskStudy
+from juicer.study.material import Measured, TaskStudy, under
 from juicer.study.points import can_be_drawn, curve_points
 from juicer.study.statistics import Difference, differences, p_text, points
 
@@ -35,13 +35,12 @@ def success_section(studies: Sequence[TaskStudy]) -> Section | None:
 
 
 def differences_section(studies: Sequence[TaskStudy]) -> Section | None:
-    """Paired tests between all conditions that differ in their method alone."""
+    """Paired tests between all conditions that differ in their method alone, and whose policies see the same."""
     tables = []
     for study in studies:
-        for setting, group in study.groups.items():
-            for seen, results in by_observation([each.result for each in group]).items():
-                if found := differences(results):
-                    tables += list(paired_tests(f"{study.task}{under(seen)}{under(setting)}", results, found))
+        for alike, results in study.tested_together:
+            if found := differences(results):
+                tables += list(paired_tests(f"{study.task}{alike}", results, found))
     if not tables:
         return None
     return Section(
@@ -124,11 +123,6 @@ def _average_and_best(task: str, result: ConditionResult | None) -> str:
         return "-"
     paper = _of_paper(task, result.condition).replace(" ", "")
     return f"{percent(result.average)} / {percent(result.best)} ({paper})"
-
-
-def under(setting: str) -> str:
-    """What a group of conditions changes, as the end of a heading."""
-    return f", {setting}" if setting else ""
 
 
 def paired_tests(title: str, results: Sequence[ConditionResult], found: Sequence[Difference]) -> Iterator[Table]:

@@ -23,7 +23,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from juicer.artifacts.writing import refusal
+from juicer.artifacts.writing import disk_refusal
 from juicer.demonstration.log import MOST_STEPS
 from juicer.episode import ACTION_SIZE
 from juicer.errors import DraftNotWritten, UnusableDraft
@@ -168,7 +168,7 @@ class Draft:
             while self._waiting:
                 del self._waiting[: os.write(self._descriptor, self._waiting)]
         except OSError as error:
-            raise DraftNotWritten(error.errno, error.strerror, str(self._path)) from None
+            raise _not_written(error, self._path) from None
 
 
 @dataclass(frozen=True)
@@ -230,7 +230,7 @@ class LeftDraft:
         except (BlockingIOError, FileNotFoundError):
             raise UnusableDraft(f"draft '{printable(self.path)}' was taken up or removed by somebody else") from None
         except OSError as error:
-            raise DraftNotWritten(error.errno, error.strerror, str(self.path)) from None
+            raise _not_written(error, self.path) from None
         draft = Draft._continued(self.path, descriptor)
         draft.take_back(len(self.steps) - resumed)
         return draft
@@ -255,7 +255,7 @@ def remove_draft(path: Path) -> None:
     try:
         path.unlink(missing_ok=True)
     except OSError as error:
-        reason = refusal(error, path.parent) or error.strerror
+        reason = disk_refusal(error, path.parent) or error.strerror
         raise UnusableDraft(f"draft '{printable(path)}' cannot be removed: {reason}") from None
 
 
@@ -295,6 +295,10 @@ def read_draft(path: Path) -> LeftDraft:
     # Drafts of earlier versions do not tell who drives.
     drivers = drivers or [Driver(printable(beginning.operator), "keyboard", printable(beginning.keys), 1.0)]
     return LeftDraft(path, beginning, state, tuple(steps), tuple(drivers), len(first) + num_bytes)
+
+
+def _not_written(error: OSError, path: Path) -> DraftNotWritten:
+    return DraftNotWritten(error.errno, disk_refusal(error, path.parent) or error.strerror, str(path))
 
 
 def checksum(state: NDArray[np.float64]) -> int:

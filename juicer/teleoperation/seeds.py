@@ -6,7 +6,7 @@ import errno
 import re
 from pathlib import Path
 
-from juicer.artifacts.writing import refusal
+from juicer.artifacts.writing import disk_refusal
 from juicer.demonstration.log import SUFFIX as LOG_SUFFIX
 from juicer.errors import LogNotWritten, NothingLeft
 from juicer.seed_ranges import SEED_RANGES, Purpose
@@ -44,7 +44,7 @@ def claim_next_seed(folder: Path) -> int:
                 continue
             return seed
     except OSError as error:
-        reason = refusal(error, folder) or error.strerror or "the disk refuses"
+        reason = disk_refusal(error, folder) or error.strerror or "the disk refuses"
         raise LogNotWritten(error.errno or errno.EIO, reason, str(claimed)) from None
     raise NothingLeft(f"all {len(SEEDS):,} initial states for demonstrations by people were used in '{folder}'")
 

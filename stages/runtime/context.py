@@ -38,11 +38,11 @@ class StageContext:
 class Display(Protocol):
     """Shows people which stages run and how far they are."""
 
-    def started(self, stage: str, label: str) -> Progress:
-        """A stage begins; whoever gets the listener reports its advance to it."""
+    def started(self, stage: str, label: str, artifact: str) -> Progress:
+        """A stage begins to make an artifact; whoever gets the listener reports its advance to it."""
         ...
 
-    def finished(self, stage: str, label: str, state: str, summary: Mapping[str, Any]) -> None:
+    def finished(self, stage: str, label: str, artifact: str, state: str, summary: Mapping[str, Any]) -> None:
         """A stage is over: ``done``, ``reused``, ``failed`` or ``stopped``."""
         ...
 
@@ -66,11 +66,11 @@ class Record(Protocol):
 class SilentDisplay:
     """Display that shows nothing."""
 
-    def started(self, stage: str, label: str) -> Progress:
+    def started(self, stage: str, label: str, artifact: str) -> Progress:
         """Nobody looks."""
         return silent_progress
 
-    def finished(self, stage: str, label: str, state: str, summary: Mapping[str, Any]) -> None:
+    def finished(self, stage: str, label: str, artifact: str, state: str, summary: Mapping[str, Any]) -> None:
         """Nobody looks."""
 
     def settled(self, label: str) -> None:

@@ -67,7 +67,7 @@ def execute(call: StageCall, session: Session) -> Finished:
 def _fill(call: StageCall, session: Session, draft: Draft) -> None:
     """Run the body; what it needs of the machine is its own meanwhile."""
     stage, label = call.stage, session.label
-    listener = session.display.started(stage.name, label)
+    listener = session.display.started(stage.name, label, str(draft.ref))
     logger.info("%s%s: making %s", stage.name, f" ({label})" if label else "", draft.ref)
 
     def progress(done: int, total: int, **facts: float | str) -> None:
@@ -97,7 +97,8 @@ def _fill(call: StageCall, session: Session, draft: Draft) -> None:
 def fail(call: StageCall, session: Session, error: BaseException) -> None:
     """Tell that a call failed, or was interrupted."""
     state = "stopped" if isinstance(error, StageInterrupted) else "failed"
-    session.display.finished(call.stage.name, session.label, state, {"reason": str(error)})
+    artifact = str(call.recipe.ref)
+    session.display.finished(call.stage.name, session.label, artifact, state, {"reason": str(error)})
 
 
 def finish(call: StageCall, session: Session, finished: Finished) -> Finished:
@@ -105,6 +106,6 @@ def finish(call: StageCall, session: Session, finished: Finished) -> Finished:
     session.fresh.add(finished.ref.id)
     manifest = session.store.manifest(finished.ref)
     state = "reused" if finished.reused else "done"
-    session.display.finished(call.stage.name, session.label, state, manifest.summary)
+    session.display.finished(call.stage.name, session.label, str(finished.ref), state, manifest.summary)
     logger.info("%s: %s %s %s", call.stage.name, state, finished.ref, manifest.headline)
     return finished

@@ -39,9 +39,9 @@ class PrefectDisplay:
         self._now_and_then = now_and_then
         self._progress: UUID | None = None
 
-    def started(self, stage: str, label: str) -> Progress:
+    def started(self, stage: str, label: str, artifact: str) -> Progress:
         """A stage begins."""
-        listener = self._inner.started(stage, label)
+        listener = self._inner.started(stage, label, artifact)
         key = artifact_key(stage, label, "progress")
         self._progress = attempt(create_progress_artifact, progress=0.0, key=key, description=f"{stage} {label}")
         due = time.monotonic() + UPDATE_SECONDS
@@ -57,9 +57,9 @@ class PrefectDisplay:
 
         return progress
 
-    def finished(self, stage: str, label: str, state: str, summary: Mapping[str, Any]) -> None:
+    def finished(self, stage: str, label: str, artifact: str, state: str, summary: Mapping[str, Any]) -> None:
         """A stage is over."""
-        self._inner.finished(stage, label, state, summary)
+        self._inner.finished(stage, label, artifact, state, summary)
         if self._progress and state == "done":
             attempt(update_progress_artifact, artifact_id=self._progress, progress=100.0)
         if state == "done":

@@ -109,7 +109,7 @@ def _on_a_worker(name: str, order: Order, session: Session, upstream: list[State
             if session.stop.is_set():
                 raise StageInterrupted
             if (percent := shown_percent(call.stage.name, session.label)) is not None:
-                progress = progress or display.started(call.stage.name, session.label)
+                progress = progress or display.started(call.stage.name, session.label, str(call.recipe.ref))
                 progress(round(percent), 100)
     except BaseException as error:
         fail(call, session, error)

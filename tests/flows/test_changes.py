@@ -276,9 +276,9 @@ def test_the_page_of_a_study_shows_analyses_and_their_figures(finished, tmp_path
     monkeypatch.setenv("JUICER_STORE", str(folder / "data" / "store"))
     assert call(["report", *arguments, "--output", str(tmp_path / "study.md")]) == 0
     text = (tmp_path / "study.md").read_text()
-    assert "![one\\_leg, drawn: BC, seed 0](study/one_leg_drawn_BC_0.png)" in text
+    assert "![one\\_leg, drawn: BC, seed 0](study/one_leg_drawn.bc.0.png)" in text
     assert "| steps |" in text
-    with PIL.Image.open(tmp_path / "study" / "one_leg_drawn_BC_0.png") as image:
+    with PIL.Image.open(tmp_path / "study" / "one_leg_drawn.bc.0.png") as image:
         assert image.width > 300
     capsys.readouterr()
     alone = tmp_path / "alone"

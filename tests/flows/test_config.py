@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from flows.conditions import defaults
 from flows.config import CollectInferConfig, StudyConfig
@@ -191,10 +192,15 @@ def test_what_has_no_randomness_has_one_seed():
     assert study.models == (("replay", 0), ("bc", 0), ("bc", 1))
 
 
-def test_a_part_of_a_study_replays_what_the_whole_does():
+def test_of_the_parts_of_a_study_that_with_its_first_seed_replays():
     study = StudyConfig(conditions=["replay", "bc"], seeds=(3, 4))
     assert study.models == (("replay", 3), ("bc", 3), ("bc", 4))
-    assert study.narrowed((), (4,)).models == (("replay", 3), ("bc", 4))
+    assert study.narrowed((), (3,)).models == (("replay", 3), ("bc", 3))
+    assert study.narrowed((), (4,)).models == (("bc", 4),)
+    with pytest.raises(ConfigError, match="what replays has one seed, 3, which is none of the seeds"):
+        study.narrowed(("replay",), (4,))
+    with pytest.raises(ValidationError, match="what replays has one seed, 7, which is none of the seeds"):
+        StudyConfig(conditions=["replay"], seeds=(3, 4), analysed_seed=7)
 
 
 def test_what_people_name_may_be_called_task(tmp_path):

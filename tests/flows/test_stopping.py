@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -138,14 +139,14 @@ class Expecting(Evaluating):
     def __call__(self, call, session):
         state = "reused" if self.store.find(call.recipe) else "done"
         ref = super().__call__(call, session)
-        session.display.finished(call.stage.name, session.label, state, {})
+        session.display.finished(call.stage.name, session.label, str(ref), state, {})
         if call.stage.name == "evaluate":
             self.left.append(evaluations_expected(self.board))
         return ref
 
 
 def evaluations_expected(board):
-    return sum(len(calls) for (stage, _), calls in board._forecast.expected.items() if stage == "evaluate")
+    return sum(call.stage == "evaluate" for call in board._forecast.expected.values())
 
 
 def follow(store):
@@ -261,6 +262,8 @@ def test_what_is_compared_with_none_is_evaluated_to_the_end(store):
     alone = study(condition("bc", "10" * 10), ta, med, med="randomness med")
     assert open_conditions(alone, StopConfig()) == {"med": "compared with none"}
     assert open_conditions(alone, StopConfig(width=0.7)) == {}
+    told, seeing = replace(condition("bc", "10" * 10), observes="state"), replace(ta, observes="images")
+    assert set(open_conditions(study(told, seeing), StopConfig()).values()) == {"compared with none"}
     part = STUDY.narrowed(["ta"], [])
     outcome = execute(Session(store, performer=Evaluating(store)), part, None)
     assert episodes(outcome.results(store)) == {"ta": [40, 40]}

@@ -159,10 +159,10 @@ class Diary:
     def __init__(self):
         self.states, self.progress, self.curves = [], [], []
 
-    def started(self, stage, label):
+    def started(self, stage, label, artifact):
         return lambda done, total, **facts: self.progress.append((done, total, facts))
 
-    def finished(self, stage, label, state, summary):
+    def finished(self, stage, label, artifact, state, summary):
         self.states.append((stage, state))
 
     def settled(self, label):

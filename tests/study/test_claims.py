@@ -128,6 +128,11 @@ def test_episodes_of_other_states_or_of_another_length_are_not_compared(made, ch
     assert verdict.reason == "their episodes start from different states, or may take longer"
 
 
+def test_policies_that_see_different_things_are_not_compared(result, study):
+    told, seeing = result("bc", 0.3), replace(result("ta", 0.9), observes="images")
+    assert Better("ta", "bc").judge(study(told, seeing)).reason == "their policies do not see the same"
+
+
 def test_what_has_no_result_is_not_tested_and_the_missing_condition_is_named(study, result):
     verdict = Better("ta", "bc").judge(study(result("bc", 0.5)))
     assert (verdict.ruling, verdict.reason) == (Ruling.UNTESTED, "no result of ta")

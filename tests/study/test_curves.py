@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -67,6 +68,10 @@ def test_a_point_that_cannot_be_paired_with_the_best_is_not_called_worse(result,
     found = [(x, result(name, rate, rate)) for x, name, rate in ((0, "a", 0.3), (10, "b", 0.8), (20, "c", 0.3))]
     tried = study(*(each for _, each in found), settings={"c": "randomness med"})
     _, equals = rivals(tried, found)
+    assert [other for other, _ in equals] == [20]
+    *others, (x, last) = found
+    seeing = [*others, (x, replace(last, observes="images"))]
+    _, equals = rivals(study(*(each for _, each in seeing)), seeing)
     assert [other for other, _ in equals] == [20]
 
 

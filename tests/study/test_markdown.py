@@ -85,7 +85,7 @@ def test_state_and_image_results_share_no_table(study, result):
     mixed = study(
         replace(result("bc", 0.7, 0.8), observes="state"), replace(result("ta", 0.9), observes="state"), seeing
     )
-    tables = success_section([mixed, mixed]).tables
+    tables = success_section([mixed, replace(mixed, task="lamp")]).tables
     for table in tables:
         assert len({row[0] == "EYES" for row in table.rows}) == 1
     (tested,) = differences_section([mixed]).tables

@@ -23,7 +23,7 @@ def printed(capsys, *arguments):
         ["demo"],
         ["smoke", "--set", "record.seed=3", "--set", "policies.diffusion.policy.head={kind: diffusion}"],
         ["paper", "--condition", "bc", "--condition", "ta"],
-        ["study_one_leg", "--seed", "1", "--condition", "replay"],
+        ["study_one_leg", "--seed", "0", "--condition", "replay"],
         ["compare_heads"],
         ["compare_heads", "--condition", "unet"],
         ["laptop", "--set", "conditions.mine.augment=true", "--set", "condition=mine"],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -34,6 +35,10 @@ def test_where_damage_is_kept_is_told_even_if_the_next_repair_fails(tmp_path, mo
     told = capsys.readouterr()
     assert "what was there before is kept in /somewhere/.aside/1" in told.out
     assert "the disk is full" in told.err
+    assert call(["repair", draft.ref.id, "--json"]) == 1
+    told = capsys.readouterr()
+    assert "what was there before is kept in /somewhere/.aside/1" in told.err
+    assert json.loads(told.out)["error"] == "the disk is full"
 
 
 @pytest.mark.parametrize("width", [0.0, 1.0, -0.2, float("nan")])

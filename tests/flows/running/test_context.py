@@ -26,8 +26,8 @@ def test_a_stage_may_take_as_long_as_the_last_one_with_its_configuration(tmp_pat
     seconds = {manifest.recipe.config["seed"]: manifest.seconds for manifest in store.list()}
     expect(RunContext(Session(store, perform_here), board, None), planned, tmp_path)
     expected = board._forecast.expected
-    assert expected["record", first.label] == [seconds[7]]
-    assert {call for call, known in expected.items() if known != [None]} == {("record", first.label)}
+    assert expected[str(first.ref)].seconds == seconds[7]
+    assert [artifact for artifact, call in expected.items() if call.seconds is not None] == [str(first.ref)]
 
 
 def test_the_next_run_that_starts_reads_no_manifest_again(tmp_path, monkeypatch):
@@ -41,4 +41,4 @@ def test_the_next_run_that_starts_reads_no_manifest_again(tmp_path, monkeypatch)
     monkeypatch.setattr(ArtifactStore, "manifest", lambda self, ref: pytest.fail(f"{ref} is read again"))
     board = Board()
     expect(RunContext(Session(store, perform_here), board, None), planned, tmp_path)
-    assert board._forecast.expected["record", first.label] != [None]
+    assert board._forecast.expected[str(first.ref)].seconds is not None

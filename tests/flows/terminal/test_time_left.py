@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from pathlib import Path
 
 import pytest
 
-from flows.terminal.time_left import Forecast, Work
+from flows.terminal.time_left import Call, Forecast, Work
 from juicer.progress import EXPECTED_STEPS, SECONDS_LEFT, STEPS, EpisodeSteps
 
 TRACES = sorted((Path(__file__).parent / "traces").glob("*.json"))
@@ -92,29 +91,24 @@ def test_a_last_run_that_took_less_promises_nothing_any_more():
 
 
 def test_a_run_adds_what_is_to_come_by_what_its_own_stages_took():
-    forecast = Forecast(2, {("train", "a"): [None], ("train", "b"): [None]})
-    forecast.begin(("train", "a"), 0.0).report(1, 2, {SECONDS_LEFT: 30}, 30.0)
+    forecast = Forecast(2, {"first": Call("train", "a"), "second": Call("train", "b")})
+    forecast.begin("first", "train", 0.0).report(1, 2, {SECONDS_LEFT: 30}, 30.0)
     assert forecast.seconds_left(30.0) == (30.0, False)
-    assert forecast.end(("train", "a"), 60.0, is_done=True) == 60.0
+    assert forecast.end("first", "train", 60.0, is_done=True) == 60.0
     assert forecast.seconds_left(60.0) == (30.0, True)
 
 
 def test_what_is_settled_has_nothing_to_come_and_others_keep_theirs():
     calls = [("train", "bc seed 1 round 2"), ("evaluate", "bc seed 1"), ("evaluate", "bc seed 10")]
-    forecast = Forecast(1, {call: [60.0] for call in calls})
+    forecast = Forecast(1, {label: Call(stage, label, 60.0) for stage, label in calls})
     forecast.drop("bc seed 1")
     assert forecast.seconds_left(0.0) == (60.0, True)
 
 
 def test_of_calls_with_one_label_each_is_counted_and_lasts_as_long_as_its_own_like():
-    call = ("evaluate", "bc seed 0")
-    forecast = Forecast(1, {call: [60.0, 900.0]}, Counter({call: 1}))
-    assert forecast.num_expected == 2
-    assert forecast.end(call, 0.0, is_done=False) is None
-    assert forecast.num_expected == 2
-    forecast.begin(call, 0.0)
+    forecast = Forecast(1, {"short": Call("evaluate", "a", 60.0), "long": Call("evaluate", "a", 900.0)})
+    assert forecast.end("made before", "evaluate", 0.0, is_done=False) is None
+    assert forecast.begin("long", "evaluate", 0.0).before == 900.0
     assert forecast.seconds_left(10.0) == (950.0, True)
-    forecast.end(call, 60.0, is_done=True)
-    assert (forecast.num_expected, forecast.begin(call, 60.0).before) == (1, 900.0)
-    forecast.end(call, 900.0, is_done=True)
-    assert forecast.num_expected == 0
+    forecast.end("long", "evaluate", 900.0, is_done=True)
+    assert forecast.seconds_left(900.0) == (60.0, True)

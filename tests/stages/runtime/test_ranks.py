@@ -78,7 +78,7 @@ class Watcher:
     def __init__(self, step, act):
         self.step, self.act = step, act
 
-    def started(self, stage, label):
+    def started(self, stage, label, artifact):
         def listen(done, total, **facts):
             if done >= self.step and self.act:
                 act, self.act = self.act, None
@@ -86,7 +86,7 @@ class Watcher:
 
         return listen
 
-    def finished(self, stage, label, state, summary):
+    def finished(self, stage, label, artifact, state, summary):
         pass
 
     def settled(self, label):
