@@ -109,10 +109,12 @@ class LoopConfig(StrictConfig):
     @classmethod
     def _says_the_task_once(cls, content: Any) -> Any:
         for section, own in content.items() if isinstance(content, Mapping) else ():
+            if not isinstance(own, Mapping) or "task" not in own:
+                continue
             field = cls.model_fields.get(section)
-            # What people name may be called task.
-            is_named = field is not None and get_origin(field.annotation) is dict
-            if isinstance(own, Mapping) and "task" in own and not is_named:
+            holds_names = field is not None and get_origin(field.annotation) is dict
+            # What people name may be called task, too.
+            if not (holds_names and isinstance(own["task"], Mapping)):
                 raise ValueError(f"{printable(section)}.task: the task is said once, at the top of the configuration")
         return content
 

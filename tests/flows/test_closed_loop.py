@@ -11,6 +11,10 @@ import pytest
 
 from juicer.artifacts.store import ArtifactStore
 
+TIMEOUT_S = 900
+"""Two minutes of an idle machine; busy ones have taken more than the five that other tests have."""
+pytestmark = pytest.mark.timeout(TIMEOUT_S)
+
 # Enough to succeed in every other episode or so; 16 of them fail all where the rate is below a third only.
 RUN = [
     "run",
@@ -27,7 +31,7 @@ RUN = [
 def juicer(data, *arguments):
     environment = {**os.environ, "JUICER_DATA": str(data)}
     command = [sys.executable, "-m", "juicer", *arguments]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=280, check=False)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=TIMEOUT_S - 20, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout, done.stderr
 
