@@ -113,7 +113,7 @@ class FlowConfig(LoopConfig):
     @property
     @abstractmethod
     def first_seed(self) -> int:
-        """The seed whose models are analysed where not those of every seed are; what replays has no other."""
+        """The seed whose models are analysed where not all are; conditions that replay have no other."""
 
     @property
     @abstractmethod
@@ -318,7 +318,7 @@ class StudyConfig(FlowConfig):
 RunConfig = CollectInferConfig | StudyConfig
 
 
-_ONE_SEED = "there is no model: what replays has one seed, {}, which is none of the seeds"
+_ONE_SEED = "there is nothing to run: a condition that replays has seed {} only, which is not one of the seeds"
 
 
 def _check_run(config: FlowConfig, place: Place) -> None:

@@ -70,7 +70,7 @@ def _rates(study: TaskStudy) -> Iterator[Table]:
     drawn = {result.condition for found in curves if can_be_drawn(found) for _, result in found}
     columns = ("condition", "average", "95% interval", "best", "models", "episodes", "paper, average / best")
     for setting, group in study.groups.items():
-        # Who differs from all others, and is a point of a curve, is told there.
+        # A condition with a setting of its own that is a point of a curve is told there.
         if len(group) == 1 and group[0].result.condition in drawn:
             continue
         for seen, results in by_observation([each.result for each in group]).items():

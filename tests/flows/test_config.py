@@ -197,9 +197,15 @@ def test_of_the_parts_of_a_study_that_with_its_first_seed_replays():
     assert study.models == (("replay", 3), ("bc", 3), ("bc", 4))
     assert study.narrowed((), (3,)).models == (("replay", 3), ("bc", 3))
     assert study.narrowed((), (4,)).models == (("bc", 4),)
-    with pytest.raises(ConfigError, match="what replays has one seed, 3, which is none of the seeds"):
+    with pytest.raises(
+        ConfigError,
+        match="there is nothing to run: a condition that replays has seed 3 only, which is not one of the seeds",
+    ):
         study.narrowed(("replay",), (4,))
-    with pytest.raises(ValidationError, match="what replays has one seed, 7, which is none of the seeds"):
+    with pytest.raises(
+        ValidationError,
+        match="there is nothing to run: a condition that replays has seed 7 only, which is not one of the seeds",
+    ):
         StudyConfig(conditions=["replay"], seeds=(3, 4), analysed_seed=7)
 
 
