@@ -226,7 +226,11 @@ class LeftDraft:
         """
         try:
             descriptor = _locked(self.path, 0)
-            os.ftruncate(descriptor, self._num_bytes)
+            try:
+                os.ftruncate(descriptor, self._num_bytes)
+            except OSError:
+                os.close(descriptor)
+                raise
         except (BlockingIOError, FileNotFoundError):
             raise UnusableDraft(f"draft '{printable(self.path)}' was taken up or removed by somebody else") from None
         except OSError as error:

@@ -6,6 +6,8 @@ import errno
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+
 from juicer.artifacts.integrity import sync
 from juicer.demonstration.log import SUFFIX, LogFile, OperatorLog, write_log
 from juicer.errors import LogNotWritten, RejectedLog
@@ -132,10 +134,14 @@ class Logs:
             sync(whole)
             _give_name(whole, path)
         except FileExistsError:
-            reason = "there is a file of that name, which is not replaced; move it elsewhere"
-            raise LogNotWritten(errno.EEXIST, reason, str(path)) from None
+            # An earlier try may have got this far before the disk refused something.
+            if not _shows(path, log):
+                reason = "there is a file of that name, which is not replaced; move it elsewhere"
+                raise LogNotWritten(errno.EEXIST, reason, str(path)) from None
         finally:
-            whole.unlink(missing_ok=True)
+            # What the disk does not let go here must not make a written log one that is not.
+            with suppress(OSError):
+                whole.unlink(missing_ok=True)
         sync(self.folder)
 
     @property
@@ -190,6 +196,16 @@ def _is_correction(path: Path) -> bool | None:
         return LogFile(path).header.parent is not None
     except RejectedLog:
         return None
+
+
+def _shows(path: Path, log: OperatorLog) -> bool:
+    """Whether a file is a log of the same episode."""
+    try:
+        written = LogFile(path).read()
+    except RejectedLog:
+        return False
+    origins = [(each.task, each.seed, each.parent, each.parent_step) for each in (written, log)]
+    return origins[0] == origins[1] and np.array_equal(written.steps["action"], log.steps["action"])
 
 
 def _give_name(whole: Path, path: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from juicer.artifacts.integrity import sync
 from juicer.demonstration.ingestion import Ingestion, IngestionConfig, steps_to_keep
 from juicer.demonstration.log import read_log
 from juicer.episode import Outcome
@@ -280,6 +281,43 @@ def test_what_the_disk_refuses_stays_in_hand_until_it_is_written(make_work, tmp_
     work.go_on()
     assert work.ending is Ending.KEPT
     assert len(read_log(obstacle)) == len(work.take)
+
+
+def test_what_the_disk_refuses_once_the_log_has_its_name_is_tried_again_and_the_episode_counts_once(
+    make_work, tmp_path, monkeypatch
+):
+    refused = []
+
+    def sync_later(path):
+        if path == tmp_path and not refused:
+            refused.append(path)
+            raise OSError(errno.EIO, "Input/output error")
+        sync(path)
+
+    monkeypatch.setattr("juicer.teleoperation.logs.sync", sync_later)
+    work = make_work()
+    assemble(work, seed=1)
+    assert work.ending is Ending.NOT_WRITTEN
+    work.go_on()
+    assert work.ending is Ending.KEPT
+    (log,) = tmp_path.glob("*.npz")
+    assert len(read_log(log)) == len(work.take)
+    assert left_in(tmp_path / DRAFTS) == []
+
+
+def test_a_log_counts_as_written_whose_second_name_the_disk_does_not_let_go(make_work, tmp_path, monkeypatch):
+    unlink = Path.unlink
+
+    def refuse(path, missing_ok=False):
+        if path.parent.name == DRAFTS and path.suffix == ".npz" and not path.name.startswith("."):
+            raise OSError(errno.EROFS, "Read-only file system", str(path))
+        unlink(path, missing_ok=missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    work = make_work()
+    assemble(work, seed=1)
+    assert work.ending is Ending.KEPT
+    assert len(list(tmp_path.glob("*.npz"))) == 1
 
 
 def test_an_interrupted_episode_goes_on_where_it_was(make_work):
