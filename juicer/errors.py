@@ -50,6 +50,10 @@ class StoreNotWritable(ArtifactError):
     """The artifact store refuses a write (permission, full disk, read-only file system)."""
 
 
+class StoreUnreachable(ArtifactError):
+    """An artifact store beyond the network does not answer, or is too busy to; later it may."""
+
+
 class InvalidEpisode(JuicerError, ValueError):
     """The arrays of an episode contradict each other."""
 

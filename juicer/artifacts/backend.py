@@ -37,8 +37,8 @@ class Backend(Protocol):
         """Whether there is a store at all; one that has no artifact yet need not be."""
         ...
 
-    def survey(self, kinds: Iterable[str]) -> Listing:
-        """Every artifact of the kinds, and where there may be more that cannot be looked at."""
+    def survey(self, kinds: Iterable[str], beginning: str = "") -> Listing:
+        """Every artifact of the kinds whose id begins so, and where there may be more that cannot be looked at."""
         ...
 
     def exists(self, ref: ArtifactRef) -> bool:

@@ -57,8 +57,8 @@ class LocalBackend:
         """Whether there is something at the root."""
         return os.path.lexists(self.root)
 
-    def survey(self, kinds: Iterable[str]) -> Listing:
-        """Every artifact of the kinds, and where there may be more that cannot be looked at.
+    def survey(self, kinds: Iterable[str], beginning: str = "") -> Listing:
+        """Every artifact of the kinds whose id begins so, and where there may be more that cannot be looked at.
 
         Whatever is named like an artifact takes its place, and counts as one that may be damaged; nothing else does.
         """
@@ -67,10 +67,12 @@ class LocalBackend:
         for kind in kinds:
             try:
                 with os.scandir(self.root / kind) as entries:
-                    refs += [ArtifactRef(kind, entry.name) for entry in entries if is_id(entry.name)]
+                    names = [entry.name for entry in entries]
             except OSError as error:
                 if self._may_hide(self.root / kind, error):
                     unseen.append(f"folder '{_blocking(self.root / kind)}' cannot be read ({error.strerror})")
+            else:
+                refs += [ArtifactRef(kind, name) for name in names if name.startswith(beginning) and is_id(name)]
         return Listing(tuple(sorted(refs)), tuple(dict.fromkeys(unseen)))
 
     def exists(self, ref: ArtifactRef) -> bool:

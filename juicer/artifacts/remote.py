@@ -7,6 +7,7 @@ machines which finish one id at the same time cannot mix their files.
 
 from __future__ import annotations
 
+import errno
 import logging
 import uuid
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -33,7 +34,7 @@ from juicer.artifacts.manifest import MANIFEST_NAME, MOST_BYTES, FileEntry, Mani
 from juicer.artifacts.ref import ArtifactRef, is_id
 from juicer.artifacts.workspace import Workspace, delete_tree
 from juicer.artifacts.writing import is_of_disk
-from juicer.errors import ArtifactError, ConfigError, StoreNotWritable
+from juicer.errors import ArtifactError, ConfigError, StoreNotWritable, StoreUnreachable
 from juicer.text import printable
 
 logger = logging.getLogger(__name__)
@@ -56,11 +57,13 @@ class RemoteBackend:
         with self._talking(ArtifactError, "read"):
             return bool(self._fs.exists(self._base))
 
-    def survey(self, kinds: Iterable[str]) -> Listing:
-        """Every artifact of the kinds; objects under other names are not juicer's business."""
+    def survey(self, kinds: Iterable[str], beginning: str = "") -> Listing:
+        """Every artifact of the kinds whose id begins so; objects under other names are not juicer's business."""
         with self._talking(ArtifactError, "read"):
-            refs = [ArtifactRef(kind, name) for kind in kinds for name in self._names(f"{self._base}/{kind}")]
-            return Listing(tuple(sorted(ref for ref in refs if is_id(ref.id) and self.exists(ref))))
+            found = ((kind, name) for kind in kinds for name in self._names(f"{self._base}/{kind}"))
+            refs = [ArtifactRef(kind, name) for kind, name in found if name.startswith(beginning) and is_id(name)]
+            # Each is a request of its own.
+            return Listing(tuple(sorted(filter(self.exists, refs))))
 
     def exists(self, ref: ArtifactRef) -> bool:
         """Whether the artifact was committed; says nothing about damage since."""
@@ -76,9 +79,10 @@ class RemoteBackend:
         path = self._manifest_path(ref)
         with self._talking(ArtifactError, "read"):
             try:
-                if self._fs.info(path)["type"] != "file":
+                facts = self._fs.info(path)
+                if facts["type"] != "file":
                     raise damaged(f"file '{MANIFEST_NAME}' was replaced by something else")
-                if self._fs.info(path)["size"] > MOST_BYTES:
+                if facts["size"] > MOST_BYTES:
                     raise damaged(f"file '{MANIFEST_NAME}' is unusable: it is larger than {MOST_BYTES:,} bytes")
                 return bytes(self._fs.cat_file(path))
             except FileNotFoundError:
@@ -310,7 +314,20 @@ class RemoteBackend:
                 raise
             reason = printable(" ".join(str(error).split())) or type(error).__name__
             sentence = f"the artifact store '{self.url}' cannot be {verb}: {reason}"
+            error_type = StoreUnreachable if _is_away(error) else error_type
             raise error_type(f"{sentence}; check its address, credentials and network") from error
+
+
+def _is_away(error: BaseException | None) -> bool:
+    """Whether nobody answered, or somebody who was too busy to; each protocol says so in classes of its own."""
+    while error is not None:
+        names = [each.__name__ for each in type(error).__mro__]
+        if any(name.endswith("ConnectionError") or "Timeout" in name for name in names):
+            return True
+        if isinstance(error, OSError) and error.errno in (errno.EBUSY, errno.EREMOTEIO):  # as s3fs tells HTTP 503, 500
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _is_usable(findings: Sequence[Finding]) -> bool:

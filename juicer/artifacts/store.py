@@ -180,9 +180,9 @@ class ArtifactStore:
         """Whether there is a store at all."""
         return self._backend.is_there()
 
-    def survey(self, kind: str | None = None) -> Listing:
-        """Every artifact, of one kind or of all, damaged or not; and where there may be more."""
-        return self._backend.survey(KINDS if kind is None else [kind])
+    def survey(self, kind: str | None = None, beginning: str = "") -> Listing:
+        """Every artifact, of one kind or of all, damaged or not, whose id begins so; and where there may be more."""
+        return self._backend.survey(KINDS if kind is None else [kind], beginning)
 
     def refs(self, kind: str | None = None) -> Sequence[ArtifactRef]:
         """Every artifact, of one kind or of all, damaged or not; what cannot be looked at is logged."""
@@ -215,8 +215,8 @@ class ArtifactStore:
         text = printable(text)
         if separator and stated not in KINDS:
             raise ArtifactNotFound(f"'{text}' names no kind of artifact{did_you_mean(printable(stated), KINDS)}")
-        listing = self.survey(stated or None)
-        matches = [ref for ref in listing.refs if prefix and ref.id.startswith(prefix)]
+        listing = self.survey(stated or None, prefix)
+        matches = list(listing.refs) if prefix else []
         # A prefix may be shared by several kinds; the kind that is needed then decides.
         wanted = [ref for ref in matches if kind in (None, ref.kind)] or matches
         if listing.unseen and not (wanted and is_id(prefix)):

@@ -10,8 +10,8 @@ import json
 import multiprocessing
 import os
 import threading
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from multiprocessing.connection import Connection
@@ -136,31 +136,39 @@ class Verifier:
         )
 
     def _ask(self, path: Path, task: str) -> Verification | None:
-        """Let a process check a log; None if it dies."""
+        """Let a process check a log; None if it dies, or the system has none to give."""
+        try:
+            with self._checking(path, task) as link:
+                while not link.poll(0.1):
+                    if self._closed.is_set():
+                        return None
+                answer: Verification = link.recv()
+                return answer
+        except (EOFError, OSError):
+            return None
+
+    @contextmanager
+    def _checking(self, path: Path, task: str) -> Iterator[Connection]:
+        """A process that checks a log, and where it answers."""
         spawning = multiprocessing.get_context("spawn")
         link, its_end = spawning.Pipe()
         process = spawning.Process(
             target=_answer, args=(its_end, self._check, path, task), name="verification", daemon=True
         )
-        process.start()
-        self.pid = process.pid
-        its_end.close()
-        try:
-            os.setpriority(os.PRIO_PROCESS, process.pid or 0, NICENESS)
-            while not link.poll(0.1):
+        with link:
+            with its_end:
+                process.start()
+            self.pid = process.pid
+            try:
+                os.setpriority(os.PRIO_PROCESS, process.pid or 0, NICENESS)
+                yield link
+            finally:
+                self.pid = None
+                link.close()
                 if self._closed.is_set():
                     process.kill()
-                    return None
-            answer: Verification = link.recv()
-        except (EOFError, OSError):
-            return None
-        else:
-            return answer
-        finally:
-            self.pid = None
-            link.close()
-            process.join(_SECONDS_TO_END)
-            process.kill()
+                process.join(_SECONDS_TO_END)
+                process.kill()
 
 
 def _note(path: Path, verification: Verification) -> None:

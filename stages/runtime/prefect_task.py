@@ -20,7 +20,7 @@ from prefect.states import Cancelled, Completed
 from prefect.utilities.annotations import quote
 
 from juicer.artifacts.ref import ArtifactRef
-from juicer.errors import ArtifactError, StageDied
+from juicer.errors import ArtifactError, StageDied, StoreUnreachable
 from juicer.progress import Progress
 from stages.runtime.cluster import Opener, Order
 from stages.runtime.context import SilentDisplay, StageInterrupted
@@ -32,7 +32,7 @@ from stages.runtime.stage import StageCall
 REUSED = "Reused"
 REUSED_SUFFIX = " (reused)"
 POLL_SECONDS = 2.0
-TRANSIENT = (ConnectionError, TimeoutError)
+TRANSIENT = (ConnectionError, TimeoutError, StoreUnreachable)
 """What may pass by itself: a store or server that does not answer. Everything else fails the same way again."""
 
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import errno
+import pickle
 import shutil
+import socket
 import uuid
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +18,14 @@ import pytest
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
-from juicer.errors import ArtifactError, ArtifactNotFound, ConfigError, DamagedArtifact, StoreNotWritable
+from juicer.errors import (
+    ArtifactError,
+    ArtifactNotFound,
+    ConfigError,
+    DamagedArtifact,
+    StoreNotWritable,
+    StoreUnreachable,
+)
 
 Make = Callable[..., ArtifactRef]
 Litter = Callable[[ArtifactStore], list[str]]
@@ -271,7 +281,7 @@ def test_an_interrupted_upload_is_finished_without_computing_again(
 
     with monkeypatch.context() as patched:
         patched.setattr(filesystem(store), "put", put)
-        with pytest.raises(StoreNotWritable, match="cannot be written: connection reset by peer; check its address"):
+        with pytest.raises(StoreUnreachable, match="cannot be written: connection reset by peer; check its address"):
             make(store, recipe)
     assert store.find(recipe) is None
     assert store.refs() == []
@@ -315,6 +325,37 @@ def test_a_store_that_cannot_be_written_is_found_out_before_the_work(
     monkeypatch.setattr(filesystem(store), "pipe_file", refuse)
     with pytest.raises(StoreNotWritable, match="cannot be written: Access Denied"), store.create(recipe):
         pytest.fail("the block must not run")
+
+
+def test_an_id_is_looked_up_without_asking_for_every_other_artifact(
+    store: ArtifactStore, recipe: Recipe, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refs = [make(store, replace(recipe, config={"seed": seed})) for seed in range(4)]
+    asked: list[str] = []
+    exists = filesystem(store).exists
+    monkeypatch.setattr(filesystem(store), "exists", lambda path, **options: asked.append(path) or exists(path))
+    for text in (str(refs[2]), refs[2].id, refs[2].id[:8]):
+        asked.clear()
+        assert store.resolve(text) == refs[2]
+        assert len(asked) == 1
+
+
+def test_a_store_that_does_not_answer_is_told_from_one_that_refuses(
+    s3: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = ArtifactStore(f"{s3}/{uuid.uuid4().hex}", cache=tmp_path)
+    (free := socket.socket()).bind(("127.0.0.1", 0))
+    monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{free.getsockname()[1]}")
+    free.close()
+    fsspec.get_filesystem_class("s3").clear_instance_cache()
+    monkeypatch.setattr("s3fs.core.S3FileSystem.retries", 1)
+    try:
+        with pytest.raises(StoreUnreachable, match="cannot be read: Could not connect") as caught:
+            store.survey()
+    finally:
+        fsspec.get_filesystem_class("s3").clear_instance_cache()
+    # As it comes out of the process of a stage, without what it arose from.
+    assert isinstance(pickle.loads(pickle.dumps(caught.value)), StoreUnreachable)
 
 
 def test_a_bucket_that_does_not_exist_is_found_out_before_the_work(s3: str, recipe: Recipe, tmp_path: Path) -> None:

@@ -1,3 +1,5 @@
+import errno
+import multiprocessing
 import os
 import signal
 import time
@@ -49,6 +51,23 @@ def test_a_log_that_replays_to_a_success_is_verified_by_a_process_of_low_priorit
     assert verification == Verification(
         Verdict.VERIFIED, f"Saved: its {len(one_leg_log):,} steps replay bit for bit to a success"
     )
+
+
+@pytest.mark.parametrize("lacking", ["Pipe", "Process"])
+def test_a_system_that_has_no_process_to_give_now_does_not_end_all_checking(
+    verifier: Verifier, one_leg_log: OperatorLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lacking: str
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    write_log(tmp_path / "a.npz", one_leg_log)
+    with monkeypatch.context() as patched:
+        patched.setattr(type(multiprocessing.get_context("spawn")), lacking, refuse)
+        verifier.submit(tmp_path / "a.npz", "one_leg")
+        assert verdict_of(verifier, tmp_path / "a.npz").verdict is Verdict.UNCHECKED
+    write_log(tmp_path / "b.npz", one_leg_log)
+    verifier.submit(tmp_path / "b.npz", "one_leg")
+    assert verdict_of(verifier, tmp_path / "b.npz").verdict is Verdict.VERIFIED
 
 
 def test_a_single_bit_that_differs_is_found(one_leg_log: OperatorLog) -> None:

@@ -16,10 +16,11 @@ from prefect.context import FlowRunContext
 from prefect.task_runners import ThreadPoolTaskRunner
 from prefect.testing.utilities import prefect_test_harness
 
-from juicer.errors import ArtifactError, NothingLeft
+from juicer.errors import ArtifactError, NothingLeft, StoreUnreachable
 from stages.runtime import prefect_task
 from stages.runtime.context import StageInterrupted
 from stages.runtime.execution import is_reused, perform_here
+from stages.runtime.messages import portable
 from stages.runtime.prefect_task import PrefectPerformer, _may_pass
 
 
@@ -95,6 +96,7 @@ def test_only_what_may_pass_by_itself_is_retried():
     wrapped = ArtifactError("the store cannot be read")
     wrapped.__cause__ = ConnectionResetError()
     assert _may_pass(None, None, State(wrapped))
+    assert _may_pass(None, None, State(portable(StoreUnreachable("the store cannot be read"), "bc")))
     assert not _may_pass(None, None, State(ArtifactError("no such artifact")))
 
 
