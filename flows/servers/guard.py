@@ -145,7 +145,7 @@ class Guard:
 
 def _normal(authorization: str) -> bytes:
     scheme, _, token = authorization.partition(" ")
-    return f"{scheme.capitalize()} {token.strip()}".encode("latin-1")
+    return f"{scheme.capitalize()} {token.strip()}".encode()
 
 
 def _foreign_site(kind: str, method: str, headers: dict[bytes, list[str]]) -> Refusal | None:

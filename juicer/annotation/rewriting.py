@@ -101,6 +101,7 @@ def text_of(labels: Iterable[Label], ending: str) -> str:
     """
     import pandas as pd  # takes half a second
 
-    reader_of(Path(f"labels{ending}"))
+    if ending not in _WRITERS:
+        raise InvalidLabels(f"labels are not written as '{printable(ending)}', only as {', '.join(sorted(_WRITERS))}")
     rows = [(label.recording, label.step, label.critical_state) for label in labels]
     return _WRITERS[ending](pd.DataFrame(rows, columns=COLUMNS))

@@ -144,6 +144,14 @@ class Desk:
             raise NothingLeft(f"demonstration {episode_id} has the steps 0 to {len(numbers) - 1}, and not {step}")
         return int(numbers[step])
 
+    def check_episode(self, episode_id: str) -> None:
+        """Refuse a demonstration that is not among these.
+
+        Raises:
+            ArtifactError: If it is not.
+        """
+        self.reader.find(episode_id)
+
     def check_critical_state(self, index: int) -> None:
         """Refuse a critical state that the task does not have.
 
@@ -203,7 +211,12 @@ def desk_of(workplace: Workplace, name: str) -> tuple[ArtifactRef, Desk]:
     """
     ref = workplace.store.resolve(name, "episodes")
     folder = workplace.store.open(ref, "episodes")
-    return ref, _desk(workplace.store, ref, folder, workplace.folder, workplace.workers)
+    # The first requests of a page come together, and are to share one search for proposals.
+    with _DESK_LOCK:
+        return ref, _desk(workplace.store, ref, folder, workplace.folder, workplace.workers)
+
+
+_DESK_LOCK = threading.Lock()
 
 
 @lru_cache(_MOST_DESKS)

@@ -79,7 +79,12 @@ def take_back(desk: Desk, undo: Undo) -> list[Version]:
         AnnotationConflict: If there is a newer version of one than its author had seen.
         AnnotationsNotSaved: If the disk refuses.
         InvalidLabels: If one is not a mark of this author, or the file of versions cannot be understood.
+        ArtifactError: If there is no such demonstration.
+        NothingLeft: If the task has no such critical state.
     """
+    for mark in undo.marks:
+        desk.check_episode(mark.episode)
+        desk.check_critical_state(mark.critical_state)
     # The answer to an earlier attempt may have been lost.
     done = {version.undoes for version in read_versions(desk.path)}
     return save(

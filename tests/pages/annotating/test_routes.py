@@ -6,6 +6,7 @@ import io
 import shutil
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from juicer.episode import Source
 from juicer.pages.annotating.proposals import find_proposals
 from juicer.pages.application import create_application
 from juicer.pages.workplace import Workplace
+from juicer.storage.episodes import EpisodeReader
 from juicer.tasks.registry import get_task
 from tests.annotation.poses import part_poses
 from tests.pages.annotating.conftest import propose_for
@@ -143,6 +145,24 @@ def test_marks_of_what_is_not_there_are_refused(client, address, versions, chang
     assert not versions.exists()
 
 
+def test_what_is_not_there_cannot_be_taken_back(client, address, versions):
+    mark(client, address, 20)
+    before = versions.read_bytes()
+    assert "holds no episode nobody" in undo(client, address, ("nobody", 1, 1)).json()["error"]
+    marks = [{"episode": FIRST, "critical_state": 1, "after": 1, "undoes": 1}]
+    answer = client.post(f"{address}/undo", json={"author": "Ada", "marks": marks})
+    assert answer.status_code == 409
+    assert "one_leg has 1 critical states" in answer.json()["error"]
+    assert versions.read_bytes() == before
+
+
+@pytest.mark.parametrize("ending", ["x.csv", "pdf"])
+def test_labels_are_only_written_in_formats_that_are_read(client, address, ending):
+    answer = client.get(f"{address}/labels.{ending}")
+    assert answer.status_code == 400
+    assert f"not written as '.{ending}'" in answer.json()["error"]
+
+
 def test_name_that_steers_a_terminal_is_refused(client, address, versions):
     assert "plain text" in mark(client, address, 20, "\x1b[31m").json()["error"]
     assert not versions.exists()
@@ -169,6 +189,26 @@ def test_proposals_that_could_not_be_read_are_looked_for_again(client, address, 
     client.get(f"{address}/work")  # tells of the last search, and begins another
     assert work(client, address)["episodes"]
     assert mark(client, address, 21).status_code == 200
+
+
+def test_requests_that_come_together_share_one_search(client, address, monkeypatch):
+    searches = []
+
+    def read_slowly(folder):
+        time.sleep(0.3)
+        return EpisodeReader(folder)
+
+    def search(*arguments):
+        searches.append(arguments)
+        return {}
+
+    monkeypatch.setattr("juicer.pages.annotating.desk.EpisodeReader", read_slowly)
+    monkeypatch.setattr("juicer.pages.annotating.desk.find_proposals", search)
+    with ThreadPoolExecutor(2) as together:
+        answers = list(together.map(lambda _: client.get(f"{address}/measures"), range(2)))
+    assert [answer.status_code for answer in answers] == [200, 200]
+    work(client, address)
+    assert len(searches) == 1
 
 
 def test_a_mark_waits_until_it_is_known_what_was_proposed(client, address, versions, monkeypatch):
