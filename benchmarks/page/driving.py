@@ -52,7 +52,7 @@ def begin(browser: Chromium, address: str, task: str = "one_leg") -> None:
     browser.until("document.querySelector('select[name=task]')?.options.length && 'going_on' in teleop.status")
     browser.evaluate(
         f"document.querySelector('select[name=task]').value = '{task}';"
-        "document.querySelector('input[name=operator]').value = 'scripted hands';"
+        "document.querySelector('#begin input[name=operator]').value = 'scripted hands';"
         "document.querySelector('#begin button').click()"
     )
     browser.until("teleop.status.going_on && teleop.status.numbers && teleop.figures.framesPerSecond > 0")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +18,10 @@ from juicer.imaging.operator_views import OperatorRenderer, OperatorView
 from juicer.imaging.renderer import ViewRenderer
 from juicer.teleoperation.session import Session
 from juicer.teleoperation.status import Snapshot
+from juicer.text import printable
 from juicer.views import View
+
+logger = logging.getLogger(__name__)
 
 QUICK_S = 0.025
 """Where a view with shadows takes longer to be drawn, it has them only while nothing moves: what is late misleads."""
@@ -138,27 +143,38 @@ class Painter:
             self._watched.clear()
 
     def _run(self) -> None:
-        task = self._session.latest.task
         try:
-            brush = _Brush(task)
+            self._paint()
         except JuicerError as error:
-            self._publish(Frame(self._session.latest, problem=str(error)))
+            problem = str(error)
+        except Exception as error:
+            logger.exception("an image cannot be drawn")
+            reason = printable(" ".join(str(error).split())) or type(error).__name__
+            problem = f"no more images can be drawn ({reason}); choose another task, and then go on with the episode"
+        else:
             return
-        try:
-            self._paint(brush)
-        finally:
-            brush.close()
+        # Who drives must still be told what becomes of the episode.
+        for snapshot in self._snapshots():
+            self._publish(Frame(snapshot, problem=problem))
 
-    def _paint(self, brush: _Brush) -> None:
+    def _paint(self) -> None:
+        with closing(_Brush(self._session.latest.task)) as brush:
+            for snapshot in self._snapshots():
+                self._show(brush, snapshot)
+
+    def _snapshots(self) -> Iterator[Snapshot]:
+        """The newest moment, and then the newest again, as long as somebody watches, until the end."""
         number = -1
         while self._watched.wait() and not self._closing.is_set():
             snapshot = self._session.newer(number, _PATIENCE_S)
-            if snapshot is None:
-                continue
-            number = snapshot.number
-            if not np.array_equal(self._frame.snapshot.qpos, snapshot.qpos):
-                self._moved_at = number
-            self._publish(Frame(snapshot, {pane.name: self._picture(brush, pane, snapshot) for pane in PANES}))
+            if snapshot is not None:
+                number = snapshot.number
+                yield snapshot
+
+    def _show(self, brush: _Brush, snapshot: Snapshot) -> None:
+        if not np.array_equal(self._frame.snapshot.qpos, snapshot.qpos):
+            self._moved_at = snapshot.number
+        self._publish(Frame(snapshot, {pane.name: self._picture(brush, pane, snapshot) for pane in PANES}))
 
     def _picture(self, brush: _Brush, pane: Pane, snapshot: Snapshot) -> Picture:
         last = self._frame.pictures.get(pane.name)

@@ -146,7 +146,8 @@ class Hub:
             if client.was_told:
                 return
             client.was_told = True
-            raise RefusedMessage("another page has the controls, so that what you send does not count; take them over")
+            who = "another page has" if self._driver else "nobody has"
+            raise RefusedMessage(f"{who} the controls, so that what you send does not count; take them over")
         try:
             self._session.hear(state.with_spacemouse(self._mouse.read()) if self._mouse else state)
         except DeviceUnavailable as error:
@@ -157,9 +158,24 @@ class Hub:
             self._wake_all()
 
     def pace(self, client: Client, order: Pace) -> None:
-        """Change the pace, if the page has the controls."""
-        if self._session and self.drives(client):
+        """Change the pace.
+
+        Raises:
+            RefusedMessage: If another page has the controls.
+        """
+        self._check_drives(client)
+        if self._session:
             self._session.pace(order.time_scale, order.undo_s)
+
+    def show_numbers(self, client: Client) -> None:
+        """A page wants the observation as numbers as well."""
+        client.wants_numbers = True
+        client.wake()
+
+    def let_go(self, client: Client) -> None:
+        """A page's operator holds nothing; that counts if the page has the controls."""
+        if self.drives(client):
+            self.release()
 
     def release(self) -> None:
         """Nobody holds the controls until the next message."""
@@ -218,7 +234,7 @@ class Hub:
             await self._start(client, order, lambda: self._resumed(read_draft(found[0]), order))
 
     def _check_drives(self, client: Client) -> None:
-        if self._session and not self.drives(client):
+        if self._session and self._driver not in (None, client):
             raise RefusedMessage("another page has the controls; take them over before you begin something else")
 
     def _resumed(self, left: LeftDraft, order: Resume) -> tuple[Work, KeyMap]:
@@ -262,6 +278,15 @@ class Hub:
                 each.number, each.sent = -1, {}
                 self._painter.watch(each.wake)
             self.give_controls(client)
+
+    def finish(self, client: Client) -> None:
+        """End what goes on, as a page wants it.
+
+        Raises:
+            RefusedMessage: If another page has the controls.
+        """
+        self._check_drives(client)
+        self.end()
 
     def end(self) -> None:
         """End what goes on; what was recorded of the episode in hand stays on the disk."""

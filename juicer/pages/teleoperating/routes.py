@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
@@ -149,6 +149,14 @@ async def _receive(socket: WebSocket, hub: Hub, client: Client) -> None:
                 return
 
 
+_SIMPLE: Mapping[str, Callable[[Hub, Client], None]] = {
+    "end": Hub.finish,
+    "numbers": Hub.show_numbers,
+    "release": Hub.let_go,
+}
+"""What is done for an order that says nothing but its kind."""
+
+
 async def _obey(hub: Hub, client: Client, text: str) -> None:
     command = parse_command(text)
     match command:
@@ -167,8 +175,5 @@ async def _obey(hub: Hub, client: Client, text: str) -> None:
             hub.pace(client, command)
         case TakeOver():
             hub.give_controls(client, printable(command.operator.strip()))
-        case Simple(kind="numbers"):
-            client.wants_numbers = True
-            client.news.set()
-        case Simple() if hub.drives(client):
-            hub.end() if command.kind == "end" else hub.release()
+        case Simple():
+            _SIMPLE[command.kind](hub, client)

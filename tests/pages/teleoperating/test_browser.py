@@ -388,6 +388,32 @@ def test_an_episode_in_hand_is_never_taken_for_the_rollout_that_is_to_be_finishe
     assert len(draft.read_text().splitlines()) > 5
 
 
+def test_a_rollout_is_finished_by_hand_though_another_page_drives_after_taking_over(tmp_path, browser):
+    stuck = stuck_rollout()
+    step, store = len(stuck) - 5, ArtifactStore(tmp_path)
+    ref = commit(store, Recipe("collect", "episodes"), {}, lambda folder: write_episodes(folder, [stuck], {}))
+    with serving(tmp_path) as server:
+        browser.open(server.teleop)
+        browser.open(f"{server.address}/teleop?artifact={ref}&episode=0&frame={step}")
+        browser.until("window.teleop && 'going_on' in teleop.status")
+        assert browser.evaluate("document.querySelector('#take-over').hidden")
+        browser.evaluate(
+            "window.other = new WebSocket(`ws://${location.host}/teleop/live`);"
+            "other.onopen = () => [{kind: 'take over', operator: 'Ben'}, {kind: 'begin', task: 'lamp'}].forEach("
+            "order => other.send(JSON.stringify(order)))"
+        )
+        browser.until("!document.querySelector('#occupied').hidden && !document.querySelector('#take-over').hidden")
+        browser.evaluate("document.querySelector('#begin button').click()")
+        browser.until("document.querySelector('#problem').innerText.includes('take them over before you begin')")
+        assert shown(browser, "task") == "lamp"
+        browser.evaluate("document.querySelector('#take-over button').click()")
+        browser.until("teleop.status.drives && document.querySelector('#take-over').hidden")
+        browser.evaluate("document.querySelector('#begin button').click()")
+        browser.until(f"teleop.status.origin === 'step {step} of rollout {stuck.record.episode_id}'")
+        browser.until("!document.querySelector('#drive').hidden")
+        assert problem_of(browser) == ""
+
+
 def test_a_key_that_is_held_when_the_page_loses_focus_is_let_go(tmp_path, browser):
     with serving(tmp_path) as server:
         begin(browser, server.teleop)

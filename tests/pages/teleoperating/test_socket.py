@@ -165,6 +165,46 @@ def test_a_second_page_watches_and_cannot_steer_until_it_takes_over(page, connec
     assert page.status["phase"] == "paused"
 
 
+def test_a_page_that_does_not_drive_is_told_that_its_orders_do_not_count(page, connect):
+    page.begin()
+    other = connect()
+    other.until(lambda: other.status.get("going_on", False), silent=True)
+    for number, order in enumerate([{"kind": "end"}, {"kind": "pace", "time_scale": 0.5, "undo_s": 5}]):
+        other.say(order)
+        other.until(lambda number=number: len(other.refusals) > number, silent=True)
+        assert "another page has the controls; take them over" in other.refusals[number]
+    assert page.status["going_on"]
+
+
+def test_what_nobody_drives_any_more_anybody_may_end(page, connect):
+    other = connect()
+    page.say({"kind": "take over"})
+    page.begin()
+    other.until(lambda: other.status.get("going_on", False), silent=True)
+    page._socket.close()
+    other.until(lambda: not other.status["is_driven"], silent=True)
+    other.until(lambda: other.refusals, "KeyA")
+    assert "nobody has the controls, so that what you send does not count; take them over" in other.refusals[0]
+    other.say({"kind": "begin", "task": "lamp"})
+    other.until(lambda: other.status.get("task") == "lamp", silent=True)
+    assert other.status["drives"]
+
+
+def test_whoever_drives_is_told_what_becomes_of_the_episode_though_nothing_can_be_drawn_any_more(page, monkeypatch):
+    page.begin()
+    page.until(lambda: page.steps() >= 2, "KeyA")
+
+    def fail(*_):
+        raise RuntimeError("the context is lost")
+
+    monkeypatch.setattr("juicer.teleoperation.painter._Brush.draw", fail)
+    page.until(lambda: page.status["problem"], "KeyA")
+    assert "no more images can be drawn (the context is lost); choose another task" in page.status["problem"]
+    steps = page.steps()
+    page.until(lambda: page.steps() >= steps + 5, "KeyA")
+    assert page.refusals == []
+
+
 def test_a_device_takes_over_what_the_page_has_begun_and_the_arm_follows_it(page, connect):
     page.begin()
     device = connect()

@@ -152,6 +152,7 @@ function show(news) {
     element("occupied").hidden = shown || !status.going_on;
     if (status.task) say("occupied-by", episode());
   }
+  element("take-over").hidden = !status.going_on || status.drives;
   if (news.key_list) showKeys(status.key_list);
   if (news.drafts) showDrafts(status.drafts);
   if (signs[done]?.(news)) obeyed();
@@ -161,7 +162,6 @@ function show(news) {
   element("state").dataset.phase = phase;
   say("phase", phases[phase]);
   say("sentence", status.drives ? status.sentence : watching());
-  element("take-over").hidden = status.drives;
   element("steering").disabled = !status.drives;
   say("demonstrations", status.demonstrations);
   say("corrections", status.corrections);
@@ -284,7 +284,7 @@ element("begin").addEventListener("submit", (event) => {
   const rollout = choice.artifact ? { kind: "correct", episode: Number(episode), step: Number(step) } : { kind: "begin" };
   element("take-over").operator.value = choice.operator;
   hasBegun = !status.going_on || status.drives;
-  order({ kind: "end" });
+  if (status.drives) order({ kind: "end" });
   order({ ...choice, ...rollout, target: Number(target), spacemouse: event.target.spacemouse.checked });
   document.activeElement?.blur();
   input.isActive = true;
