@@ -15,6 +15,7 @@ from pathlib import Path
 from flows.doctor.verdict import Verdict, ok, problem, warning
 from flows.running.data_folder import open_store
 from flows.running.settings import Settings
+from juicer.errors import ArtifactNotFound, DamagedArtifact, UnreadableArtifact
 
 NOTABLE_SKEW_SECONDS = 5.0
 
@@ -53,10 +54,17 @@ def check_store(settings: Settings) -> Iterator[Verdict]:
     listing = store.survey()
     for place in listing.unseen:
         yield problem(f"in '{store.url}' {place}", "see to its owner and permissions")
-    manifests = store.list()
-    refs = listing.refs
-    if unreadable := len(refs) - len(manifests):
-        yield problem(f"{unreadable} of {len(refs)} artifacts in '{store.url}' cannot be read", "see `juicer verify`")
+    manifests, unreadable = [], 0
+    for ref in listing.refs:
+        try:
+            manifests.append(store.manifest(ref))
+        except ArtifactNotFound:  # it was removed meanwhile
+            continue
+        except (DamagedArtifact, UnreadableArtifact):
+            unreadable += 1
+    if unreadable:
+        among = f"{unreadable} of {unreadable + len(manifests)} artifacts"
+        yield problem(f"{among} in '{store.url}' cannot be read", "see `juicer verify`")
     latest = max((datetime.fromisoformat(manifest.finished) for manifest in manifests), default=None)
     if latest and (ahead := latest.timestamp() - time.time()) > NOTABLE_SKEW_SECONDS:
         yield warning(f"an artifact was finished {ahead:.0f} s from now", "compare the clocks of the machines")

@@ -8,11 +8,13 @@ import pwd
 import secrets
 import tempfile
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from urllib.parse import quote
 
 from flows.running.settings import Settings
 from juicer.artifacts.store import ArtifactStore
+from juicer.artifacts.writing import disk_refusal
 from juicer.errors import ServiceUnavailable
 
 PRIVATE = 0o600
@@ -45,18 +47,47 @@ def open_store(settings: Settings) -> ArtifactStore:
     return ArtifactStore(settings.store_url, cache=settings.folder / "cache")
 
 
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Run a block that writes a file or folder of the data folder.
+
+    Raises:
+        ServiceUnavailable: If the disk refuses, with what helps.
+    """
+    try:
+        yield
+    except OSError as error:
+        reason = disk_refusal(error, path.parent) or error.strerror or str(error)
+        raise ServiceUnavailable(f"'{path}' cannot be written: {reason}") from None
+
+
 def write_private(path: Path, text: str) -> None:
-    """Write a file that only its owner can read, whole or not at all."""
+    """Write a file that only its owner can read, whole or not at all.
+
+    Raises:
+        ServiceUnavailable: If the disk refuses.
+    """
+    with private_draft(path, text) as draft, writing(path):
+        draft.replace(path)
+
+
+@contextmanager
+def private_draft(path: Path, text: str) -> Iterator[Path]:
+    """A file beside a path that only its owner can read, and that is removed at the end if it is still there then.
+
+    Raises:
+        ServiceUnavailable: If the disk refuses.
+    """
     draft = path.with_name(f"{path.name}.{secrets.token_hex(4)}.draft")
-    create_private(draft, text)
-    draft.replace(path)
-
-
-def create_private(path: Path, text: str) -> None:
-    """Write a file that only its owner can read, and that was not there before."""
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, PRIVATE)
-    with os.fdopen(descriptor, "w") as file:
-        file.write(text)
+    try:
+        with writing(path):
+            descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, PRIVATE)
+            with os.fdopen(descriptor, "w") as file:
+                file.write(text)
+        yield draft
+    finally:
+        with suppress(OSError):
+            draft.unlink()
 
 
 def sqlite_address(driver: str, path: Path) -> str:
@@ -83,7 +114,8 @@ def _make(what: str, folder: Path, variable: str) -> None:
             f"the {what} '{folder}' cannot be created ({error.strerror} at '{_deepest(folder)}'); {remedy}"
         ) from None
     try:
-        tempfile.TemporaryFile(dir=folder).close()
+        with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
+            file.write(b"juicer")  # a full disk takes an empty file
     except OSError as error:
         if error.errno in (errno.EACCES, errno.EPERM):
             reason = f"you have no right to write in it, as it belongs to {_owner(folder)}"
@@ -91,7 +123,7 @@ def _make(what: str, folder: Path, variable: str) -> None:
         elif error.errno == errno.EROFS:
             reason = "its file system is mounted read-only"
         else:
-            reason = error.strerror or str(error)
+            reason = disk_refusal(error, folder) or error.strerror or str(error)
         raise ServiceUnavailable(f"the {what} '{folder}' cannot be written: {reason}; {remedy}") from None
 
 

@@ -7,12 +7,12 @@ import json
 import os
 import platform
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import ClassVar, TypeVar
 
-from flows.running.data_folder import PRIVATE, write_private
+from flows.running.data_folder import PRIVATE, write_private, writing
 from juicer.reading import read_bounded
 
 SERVICES_FILE = ".services.json"
@@ -72,23 +72,36 @@ def only_one(folder: Path, kind: type[Announcement] = Services) -> Iterator[bool
 
     The kernel frees it when the process ends, however it ends: an announcement that nobody stands behind is void, and
     nobody who has taken over the port is sent a password.
+
+    Raises:
+        ServiceUnavailable: If the disk refuses the file or its lock.
     """
-    descriptor = os.open(_lock_file(folder, kind), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, PRIVATE)
+    path = _lock_file(folder, kind)
+    with writing(path):
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, PRIVATE)
     try:
-        yield _locks(descriptor, fcntl.LOCK_EX)
+        with writing(path):
+            is_free = _locks(descriptor, fcntl.LOCK_EX)
+        yield is_free
     finally:
         os.close(descriptor)
 
 
 @contextmanager
 def announce(folder: Path, announcement: Announcement) -> Iterator[None]:
-    """Tell others about servers for the length of a block, within that of :func:`only_one`."""
+    """Tell others about servers for the length of a block, within that of :func:`only_one`.
+
+    Raises:
+        ServiceUnavailable: If the disk refuses.
+    """
     path = folder / announcement.file
     write_private(path, json.dumps(asdict(announcement)) + "\n")
     try:
         yield
     finally:
-        path.unlink(missing_ok=True)
+        # What is left of it is void as soon as nobody holds the lock.
+        with suppress(OSError):
+            path.unlink()
 
 
 def find_services(folder: Path) -> Services | None:
@@ -106,12 +119,12 @@ def _find(folder: Path, kind: type[AnnouncementT]) -> AnnouncementT | None:
     try:
         found = kind(**json.loads(read_bounded(folder / kind.file, _MOST_BYTES)))
         descriptor = os.open(_lock_file(folder, kind), os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            is_held = not _locks(descriptor, fcntl.LOCK_SH)
+        finally:
+            os.close(descriptor)
     except (OSError, ValueError, TypeError):
         return None
-    try:
-        is_held = not _locks(descriptor, fcntl.LOCK_SH)
-    finally:
-        os.close(descriptor)
     are_texts = all(isinstance(value, str) for value in asdict(found).values())
     return found if is_held and are_texts and found.machine == platform.node() else None
 
@@ -123,6 +136,6 @@ def _lock_file(folder: Path, kind: type[Announcement]) -> Path:
 def _locks(descriptor: int, kind: int) -> bool:
     try:
         fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
-    except OSError:
+    except BlockingIOError:
         return False
     return True

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import secrets
+from contextlib import suppress
 from pathlib import Path
 
-from flows.running.data_folder import create_private
+from flows.running.data_folder import private_draft
 from flows.servers.guard import Credentials
 from juicer.errors import ConfigError, ServiceUnavailable
 from juicer.reading import read_bounded
@@ -50,11 +51,5 @@ def credentials_of(folder: Path) -> Credentials:
 
 def _create(path: Path, password: str) -> None:
     """Make the file unless another process has; whichever comes first, all read the same."""
-    draft = path.with_name(f"{path.name}.{secrets.token_hex(4)}.draft")
-    create_private(draft, password + "\n")
-    try:
+    with private_draft(path, password + "\n") as draft, suppress(FileExistsError):
         path.hardlink_to(draft)
-    except FileExistsError:
-        pass
-    finally:
-        draft.unlink()

@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from flows.running.context import destination
-from flows.running.data_folder import prepare_folder, write_private
+from flows.running.data_folder import prepare_folder, write_private, writing
 from flows.running.flow_runs import mark_crashed
 from flows.running.services import Services, announce, find_services, only_one
 from flows.running.settings import Settings, read_settings
@@ -61,7 +61,8 @@ def serve_pages(prefect_port: int | None, mlflow_port: int | None, as_json: bool
         # The lock that runs hold, too, when they make the database.
         study = newest_study(place.initialise())
         logs = settings.folder / "logs-of-servers"
-        logs.mkdir(exist_ok=True)
+        with writing(logs):
+            logs.mkdir(exist_ok=True)
         variables = (_prefect_variables(settings, credentials), _mlflow_variables(settings, place, credentials))
         servers = []
         for name, health, listener, added in zip(

@@ -7,6 +7,7 @@ import os
 import socket
 import sys
 import threading
+from dataclasses import replace
 
 import pytest
 from filelock import FileLock
@@ -23,6 +24,7 @@ from flows.doctor.surroundings import check_prefect, check_proxies, check_tracki
 from flows.doctor.verdict import State, ok
 from flows.running.settings import RENAMED, Settings
 from juicer.artifacts.recipe import Recipe
+from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ConfigError
 
@@ -194,6 +196,17 @@ def test_artifacts_that_cannot_be_read_are_counted(settings):
     (store.open(store.refs()[0]) / "manifest.json").write_text("nonsense")
     verdict, _ = check_store(settings)
     assert verdict.message.startswith("1 of 2 artifacts")
+
+
+def test_artifacts_that_come_and_go_meanwhile_are_not_taken_for_unreadable_ones(settings, monkeypatch):
+    survey = ArtifactStore.survey
+
+    def survey_late(store, kind=None, beginning=""):
+        found = survey(store, kind, beginning)
+        return replace(found, refs=(*found.refs, ArtifactRef("episodes", "0" * 16)))
+
+    monkeypatch.setattr(ArtifactStore, "survey", survey_late)
+    assert states(check_store(settings)) == [State.OK]
 
 
 def test_leftovers_of_the_dead_are_told_apart_from_the_work_of_the_living(settings):

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import os
+import resource
 import sqlite3
 import subprocess
 import sys
 import tempfile
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
 from sqlalchemy import create_engine, text
 
-from flows.running.data_folder import prepare_folder, sqlite_address
+from flows.running.data_folder import prepare_folder, sqlite_address, write_private
 from flows.running.settings import Settings
+from flows.servers.secret import credentials_of
 from juicer.errors import ServiceUnavailable
 
 NOBODY = 65534
@@ -33,6 +37,29 @@ def test_folder_below_a_file_cannot_be_made(tmp_path):
         ServiceUnavailable, match=r"data folder .* cannot be created \(Not a directory at .*JUICER_DATA"
     ):
         prepare_folder(Settings(data=tmp_path / "file" / "data"))
+
+
+@contextmanager
+def full_disk():
+    """Files are made, and nothing can be written into them."""
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, limit[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+
+
+def test_a_disk_that_takes_nothing_but_names_is_told_before_anything_starts(tmp_path):
+    with full_disk(), pytest.raises(ServiceUnavailable, match=r"folder .* cannot be written: a file became larger"):
+        prepare_folder(Settings(data=tmp_path))
+
+
+@pytest.mark.parametrize("write", [partial(write_private, text="a"), lambda path: credentials_of(path.parent)])
+def test_what_cannot_be_written_is_named_with_what_helps_and_leaves_nothing(tmp_path, write):
+    with full_disk(), pytest.raises(ServiceUnavailable, match=r"cannot be written: .*choose another file system"):
+        write(tmp_path / "file")
+    assert list(tmp_path.iterdir()) == []
 
 
 def as_nobody(*arguments, data, **variables):

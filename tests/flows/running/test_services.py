@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import platform
 import re
@@ -54,6 +55,22 @@ def test_pages_are_announced_beside_the_servers(tmp_path):
             assert find_pages(tmp_path) == "http://127.0.0.1:11"
             assert find_services(tmp_path) == SERVICES
     assert find_pages(tmp_path) == ""
+
+
+def test_a_file_system_without_locks_is_not_taken_for_somebody_else(tmp_path, monkeypatch):
+    def refuse(descriptor, kind):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("fcntl.flock", refuse)
+    with pytest.raises(ServiceUnavailable, match="its file system offers no locks; choose another place"):
+        only_one(tmp_path).__enter__()
+    assert find_services(tmp_path) is None
+
+
+def test_a_lock_that_cannot_be_opened_is_named(tmp_path):
+    (tmp_path / ".pages.lock").mkdir()
+    with pytest.raises(ServiceUnavailable, match=r"\.pages\.lock' cannot be written: .*a folder stands where a file"):
+        only_one(tmp_path, Pages).__enter__()
 
 
 def test_two_do_not_serve_the_same_folder(tmp_path):
