@@ -11,6 +11,8 @@ import stat
 from io import BufferedReader
 from pathlib import Path
 
+_MORE = 2**16
+
 
 class UnsuitableFile(OSError):
     """What a path names cannot be read as a file; ``strerror`` says why, as a clause."""
@@ -46,9 +48,11 @@ def read_bounded(path: Path, most_bytes: int) -> bytes:
     with open_plain(path) as file:
         # Memory is asked for by what the file says of its size: a small one must not cost what a large one may.
         size = os.fstat(file.fileno()).st_size
-        if size > most_bytes:
-            raise UnsuitableFile(path, f"it is larger than {most_bytes:,} bytes")
-        content = file.read(size + 1)
-    if len(content) > size:
-        raise UnsuitableFile(path, "it grows while it is read")
-    return content
+        content = b""
+        while size <= most_bytes:
+            content += file.read(size + 1 - len(content))
+            if len(content) <= size:
+                return content
+            # Somebody appends to it.
+            size = max(len(content), min(len(content) + _MORE, most_bytes))
+    raise UnsuitableFile(path, f"it is larger than {most_bytes:,} bytes")

@@ -7,6 +7,7 @@ steps of the episode. They are read for no other purpose than to be rewritten.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +91,8 @@ def write_labels(path: Path, labels: Iterable[Label]) -> None:
     except OSError as error:
         raise InvalidLabels(f"labels file '{printable(path)}' cannot be written: {error.strerror or error}") from None
     finally:
-        draft.unlink(missing_ok=True)
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)
 
 
 def text_of(labels: Iterable[Label], ending: str) -> str:

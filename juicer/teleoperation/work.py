@@ -181,6 +181,9 @@ class Work:
         self._toggled = False
         self._follow_gripper()
         self._grace = 0
+        # What was held when an episode was dropped, by a slip perhaps, was not meant for the next one: its first step
+        # would be the end of what was dropped.
+        self._awaits_rest = False
         self._note = note
         self._paused = self._away = False
         self.acts = False
@@ -213,10 +216,12 @@ class Work:
             self._drop()
             begun = "the same step anew" if self._origin else "another initial state"
             self._begin(seed, f"Discarded; this is {begun}. {_BRING_BACK}")
+            self._awaits_rest = True
         elif action is Action.RESET:
             self._drop()
             begun = "step" if self._origin else "initial state"
             self._begin(self.take.seed, f"The same {begun} anew. {_BRING_BACK}")
+            self._awaits_rest = True
         elif action in (Action.UNDO, Action.UNDO_MORE):
             self._undo(UNDO_STEPS if action is Action.UNDO else round(self.undo_s / STEP_S))
         elif action is Action.SUCCESS:
@@ -229,7 +234,7 @@ class Work:
             self._paused, self._note = True, ""
         elif action is Action.PROCEED:
             self._paused, self._note = False, ""
-        elif action is Action.GRIPPER and not self._paused and not self._settling:
+        elif action is Action.GRIPPER and not (self._paused or self._settling or self._awaits_rest):
             self._gripper, self._toggled = -self._gripper, True
 
     def _claim_success(self) -> None:
@@ -272,7 +277,8 @@ class Work:
         self._away, self.slow = not present, intent.slow
         if self.ending:
             return False
-        free = present and not self._paused
+        self._awaits_rest = self._awaits_rest and intent.moves
+        free = present and not (self._paused or self._awaits_rest)
         acts = free and (intent.moves or self._toggled)
         if acts:
             self._grace = IDLE_STEPS + 1

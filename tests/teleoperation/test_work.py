@@ -141,6 +141,7 @@ def test_discard_begins_another_initial_state_and_leaves_nothing_behind_once_tha
     work.obey([Action.DISCARD])
     assert work.take.seed != seed
     assert len(work.take) == 0
+    move(work, 1, STILL)
     move(work, 3)
     work.obey([Action.UNDO])
     assert len(work.take) == 0
@@ -318,6 +319,22 @@ def test_a_log_counts_as_written_whose_second_name_the_disk_does_not_let_go(make
     assemble(work, seed=1)
     assert work.ending is Ending.KEPT
     assert len(list(tmp_path.glob("*.npz"))) == 1
+
+
+@pytest.mark.parametrize("slip", [Action.DISCARD, Action.RESET])
+def test_a_key_that_is_held_when_an_episode_is_dropped_does_not_begin_the_next_one(work, slip):
+    move(work, 20)
+    state = work.take.state
+    work.obey([slip])
+    assert move(work, 20) == [False] * 20
+    work.obey([Action.GRIPPER])
+    assert move(work, 1) == [False]
+    work.obey([Action.UNDO])
+    assert len(work.take) == 20
+    assert work.take.state.tobytes() == state.tobytes()
+    work.obey([slip])
+    move(work, 1, STILL)
+    assert move(work, 5) == [True] * 5
 
 
 def test_an_interrupted_episode_goes_on_where_it_was(make_work):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 from juicer.annotation.measures import measure
-from juicer.annotation.versions import read_versions, versions_path
+from juicer.annotation.versions import Version, read_versions, versions_path
 from juicer.artifacts.catalog import Entry
 from juicer.errors import JuicerError
 from juicer.pages.workplace import Workplace
@@ -39,15 +40,20 @@ def demonstrations(entries: Iterable[Entry]) -> Sequence[Entry]:
     return [entry for entry in entries if entry.stage == _STAGE and entry.ref.kind == "episodes"]
 
 
-def look(workplace: Workplace, entry: Entry) -> Annotatable:
-    """How far the annotation of demonstrations is."""
+def look_at(workplace: Workplace, entries: Iterable[Entry]) -> list[Annotatable]:
+    """How far the annotation of sets of demonstrations is."""
+    # Sets of one task share a file, which may be long.
+    versions_of = cache(lambda task: read_versions(versions_path(workplace.folder, task)))
+    return [_look(workplace, entry, versions_of) for entry in entries]
+
+
+def _look(workplace: Workplace, entry: Entry, versions_of: Callable[[str], Sequence[Version]]) -> Annotatable:
     task = ", ".join(entry.tasks)
     try:
         reader = EpisodeReader(workplace.store.open(entry.ref, "episodes"))
         reader.require_state()
         task = reader.records[0].task if reader.records else task
-        versions = read_versions(versions_path(workplace.folder, task))
-        measures = measure([version for version in versions if version.episode in reader.ids])
+        measures = measure([version for version in versions_of(task) if version.episode in reader.ids])
     except JuicerError as error:
         return Annotatable(entry, task, problem=str(error))
     return Annotatable(entry, task, measures.demonstrations, measures.disputed)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -21,16 +20,16 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.episode import RECORDED_STEP_KEY, Episode, Outcome
 from juicer.errors import NothingLeft
-from juicer.pages.annotating.proposals import Proposals, find_proposals
+from juicer.pages.annotating.proposals import Proposals, Search, find_proposals
 from juicer.pages.annotating.sheets import draw_sheet
 from juicer.pages.annotating.work import Demonstration, Judgement, Opinion, Proposed
 from juicer.pages.workplace import Workplace
-from juicer.progress import Progress
 from juicer.sim.env import AssemblyEnv
 from juicer.storage.episodes import EpisodeReader
 from juicer.tasks.registry import get_task
 
 _MOST_DESKS = 4
+_MOST_SEARCHES = 256
 _MOST_EPISODES = 8
 
 
@@ -41,21 +40,17 @@ class Desk:
         reader: The episodes.
         task: Their task.
         path: File of the versions of annotations.
-        proposed: How many demonstrations have been searched for critical states.
     """
 
-    def __init__(self, reader: EpisodeReader, path: Path, propose: Callable[[Progress], Proposals]) -> None:
-        """Begin to look for proposals; use :func:`desk_of`."""
+    def __init__(self, reader: EpisodeReader, path: Path, search: Search) -> None:
+        """Use :func:`desk_of`."""
         self.reader = reader
         self.task = get_task(self.reader.records[0].task)
         self.path = path
-        self.proposed = 0
         self._env_lock = threading.Lock()
         self.read = lru_cache(_MOST_EPISODES)(self._read)
         self.signals = lru_cache(_MOST_EPISODES)(self._signals)
-        self._propose = propose
-        self._search_lock = threading.Lock()
-        self._search = self._begin_search()
+        self._search = search
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -63,28 +58,13 @@ class Desk:
         return self.task.critical_state_names
 
     def proposals(self, patience_s: float = 0.0) -> Proposals | None:
-        """Proposals by episode and critical state; None while they are looked for.
+        """Proposals by episode and critical state; see :meth:`~juicer.pages.annotating.proposals.Search.proposals`."""
+        return self._search.proposals(patience_s)
 
-        Args:
-            patience_s: How long to wait for them.
-
-        Raises:
-            ArtifactError: If what was proposed before is damaged. The next call looks again: it may be repaired.
-        """
-        with self._search_lock:
-            search = self._search
-            if search.done() and search.exception():
-                self._search = self._begin_search()
-        try:
-            return search.result(patience_s)
-        except TimeoutError:
-            return None
-
-    def _begin_search(self) -> Future[Proposals]:
-        thread = ThreadPoolExecutor(1, "proposals")
-        search = thread.submit(self._propose, self._progress)
-        thread.shutdown(wait=False)
-        return search
+    @property
+    def proposed(self) -> int:
+        """How many demonstrations have been searched for critical states."""
+        return self._search.searched
 
     def sheet(self, episode_id: str, first: int, count: int, views: Iterable[str]) -> bytes:
         """JPEG of some steps; see :func:`draw_sheet`."""
@@ -193,9 +173,6 @@ class Desk:
             found = asdict(signals_of(self._env, episode))
         return {name: _rounded(values) for name, values in found.items()}
 
-    def _progress(self, done: int, total: int, **facts: float | str) -> None:
-        self.proposed = done
-
 
 def desk_of(workplace: Workplace, name: str) -> tuple[ArtifactRef, Desk]:
     """An artifact of episodes, checked to be still there, with its desk.
@@ -225,11 +202,13 @@ def _desk(store: ArtifactStore, ref: ArtifactRef, folder: Path, data: Path, work
     if not len(reader):
         raise NothingLeft(f"{ref} holds no episode, so there is nothing to annotate")
     reader.require_state()
+    return Desk(reader, versions_path(data, reader.records[0].task), _search(store, ref, folder, data, workers))
 
-    def propose(progress: Progress) -> Proposals:
-        return find_proposals(store, data, ref, reader, workers, progress)
 
-    return Desk(reader, versions_path(data, reader.records[0].task), propose)
+@lru_cache(_MOST_SEARCHES)
+def _search(store: ArtifactStore, ref: ArtifactRef, folder: Path, data: Path, workers: int) -> Search:
+    """Outlives a desk that makes room for others: what it finds is small, and takes long to find."""
+    return Search(lambda progress: find_proposals(store, data, ref, EpisodeReader(folder), workers, progress))
 
 
 def _rounded(values: Any) -> Any:

@@ -17,7 +17,7 @@ from juicer.annotation.standing import SAME_STEPS, agreed_labels, standing
 from juicer.annotation.versions import read_versions
 from juicer.artifacts.catalog import catalog_of
 from juicer.errors import AnnotationConflict
-from juicer.pages.annotating.choosing import demonstrations, look
+from juicer.pages.annotating.choosing import demonstrations, look_at
 from juicer.pages.annotating.desk import Desk, desk_of
 from juicer.pages.annotating.explaining import explain
 from juicer.pages.annotating.saying import Judged, Marks, Undo, say, take_back
@@ -39,7 +39,7 @@ def choose(request: Request, workplace: TheWorkplace, first: Number = 0) -> Resp
     """Which demonstrations can be annotated, and how far each set is."""
     contents = catalog_of(workplace.store, workplace.folder).contents()
     part = part_of(request, demonstrations(contents.entries), first)
-    sets = [look(workplace, entry) for entry in part.lines]
+    sets = look_at(workplace, part.lines)
     return page(request, "annotate_choose.html", sets=sets, part=part, contents=contents)
 
 

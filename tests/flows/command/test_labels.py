@@ -65,6 +65,8 @@ def test_annotations_are_written_with_the_steps_of_the_recording(
     assert "cannot be written: No such file" in complaint(
         capsys, "labels", annotations.id, str(tmp_path / "a" / "b.csv")
     )
+    for name, reason in (("labels.csv/b.csv", "Not a directory"), (f"{'b' * 300}.csv", "File name too long")):
+        assert f"cannot be written: {reason}" in complaint(capsys, "labels", annotations.id, str(tmp_path / name))
     assert "must end in .csv, .jsonl, .yaml or .yml" in complaint(
         capsys, "labels", annotations.id, str(tmp_path / "a.txt")
     )

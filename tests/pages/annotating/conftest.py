@@ -35,7 +35,7 @@ def fill(tmp_path: Path, insertions: list[Episode]) -> Fill:
             episode = insertions[number % len(insertions)]
             record = replace(episode.record, episode_id=f"{number:016x}", log=f"demo_{number}.npz", **facts)
             episodes.append(replace(episode, record=record))
-        ingest = Recipe("ingest", "episodes", config={"task": "one_leg"})
+        ingest = Recipe("ingest", "episodes", config={"task": "one_leg", "episodes": len(off)})
         with store.create(ingest) as draft:
             write_episodes(draft.path, episodes, {})
             draft.summary["episodes"] = len(episodes)

@@ -124,6 +124,7 @@ def test_a_mark_that_somebody_else_made_meanwhile_is_shown_beside_ones_own(fill,
     shown = browser.evaluate("document.querySelector('#conflict').textContent")
     assert "Bob: step 25" in shown
     assert f"Ada (not saved yet): step {RIGHT_STEP}" in shown
+    assert "Until one is chosen, training uses what is saved." in shown
     assert len(read_versions(versions)) == 1
     browser.press("Digit1")
     browser.until("document.querySelector('#conflict').hidden")
@@ -131,6 +132,19 @@ def test_a_mark_that_somebody_else_made_meanwhile_is_shown_beside_ones_own(fill,
     time.sleep(0.5)
     (label,) = agreed_labels(read_versions(versions), versions)
     assert label.step == 25
+
+
+def test_who_agrees_with_what_was_marked_meanwhile_is_asked_nothing_and_judges_nothing_again(
+    fill, served, browser, versions
+):
+    begin(browser, served, fill((0, 0, 0)).id)
+    browser.until(READY)
+    about = {"critical_state": 0, "step": RIGHT_STEP + 1, "after": 0, "author": "Bob"}
+    save(versions, [Entry(episode=f"{number:016x}", **about) for number in (0, 1)])
+    browser.press("Enter")
+    progress(browser, "2 of 3 marked, 1 to go")
+    assert browser.evaluate("document.querySelector('#conflict').hidden")
+    assert steps_said(versions, "Ada", 3) == {RIGHT_STEP}
 
 
 def test_what_cannot_be_saved_is_kept_and_saved_when_it_can_be(fill, served, browser, versions):

@@ -211,6 +211,21 @@ def test_requests_that_come_together_share_one_search(client, address, monkeypat
     assert len(searches) == 1
 
 
+def test_more_sets_than_are_kept_open_are_searched_once_each(client, fill, monkeypatch):
+    searches = []
+
+    def search(store, data, ref, *_):
+        searches.append(ref)
+        return {}
+
+    monkeypatch.setattr("juicer.pages.annotating.desk.find_proposals", search)
+    addresses = [f"/annotate/{fill([0] * number).id}" for number in range(1, 7)]
+    for _ in range(3):
+        for address in addresses:
+            work(client, address)
+    assert len(searches) == len(set(searches)) == len(addresses)
+
+
 def test_a_mark_waits_until_it_is_known_what_was_proposed(client, address, versions, monkeypatch):
     known = threading.Event()
 

@@ -452,6 +452,38 @@ def test_whoever_watches_reads_whether_somebody_drives_and_has_no_controls_that_
         browser.key_up("KeyA")
 
 
+def test_who_is_given_the_controls_unasked_is_named(tmp_path, browser):
+    with serving(tmp_path) as server:
+        begin(browser, server.teleop)
+        assert browser.evaluate("document.querySelector('#take-over').hidden")
+        browser.evaluate("localStorage.setItem('teleop.operator', 'Bob')")
+        browser.open(server.teleop)
+        browser.until("window.teleop?.status.operator === 'Bob' && document.querySelector('#take-over').hidden")
+        browser.evaluate("localStorage.removeItem('teleop.operator')")
+        browser.open(server.teleop)
+        browser.until("window.teleop?.status.drives && !document.querySelector('#take-over').hidden")
+        assert "it is recorded as Bob's" in browser.evaluate("document.querySelector('#take-over').textContent")
+        browser.evaluate(
+            "document.querySelector('#take-over').operator.value = 'Cleo';"
+            "document.querySelector('#take-over button').click()"
+        )
+        browser.until("teleop.status.operator === 'Cleo' && document.querySelector('#take-over').hidden")
+        browser.open(server.teleop)
+        browser.until("window.teleop?.status.drives && document.querySelector('#take-over').hidden")
+        assert shown(browser, "operator") == "Cleo"
+
+
+def test_a_list_that_is_used_by_keys_keeps_the_focus(tmp_path, browser):
+    with serving(tmp_path) as server:
+        begin(browser, server.teleop)
+        browser.evaluate("document.querySelector('#time-scale').focus()")
+        for scale in (0.75, 0.5):
+            browser.key_down("ArrowDown")
+            browser.key_up("ArrowDown")
+            browser.until(f"teleop.status.time_scale === {scale}")
+        assert browser.evaluate("document.activeElement.id") == "time-scale"
+
+
 def test_the_lists_show_the_pace_and_the_longer_undo_that_hold(tmp_path, browser):
     with serving(tmp_path) as server:
         begin(browser, server.teleop)
@@ -530,15 +562,19 @@ def test_the_press_that_wakes_a_gamepad_is_not_obeyed_and_the_next_one_is(tmp_pa
         browser.key_down("KeyA")
         browser.until("teleop.status.step >= 5")
         browser.key_up("KeyA")
+        steps = -1
+        while steps != (steps := shown(browser, "step")):  # the world comes to a stand
+            time.sleep(1)
+        # LB turns the gripper.
         browser.evaluate(
             "window.pad = {connected: true, mapping: 'standard', axes: [0, 0, 0, 0],"
-            " buttons: Array.from({length: 17}, (_, index) => ({pressed: index === 1, value: 0}))};"
+            " buttons: Array.from({length: 17}, (_, index) => ({pressed: [1, 4].includes(index), value: 0}))};"
             "navigator.getGamepads = () => [window.pad]"
         )
         time.sleep(0.5)
         assert shown(browser, "seed") == 500000
-        assert shown(browser, "step") >= 5
-        browser.evaluate("pad.buttons[1].pressed = false")
+        assert shown(browser, "step") == steps
+        browser.evaluate("pad.buttons[1].pressed = pad.buttons[4].pressed = false")
         time.sleep(0.2)
         browser.evaluate("pad.buttons[1].pressed = true")
         browser.until("teleop.status.seed === 500001")

@@ -10,8 +10,9 @@ import { Display, element, say } from "./display.js";
 
 const POLL_MS = 400;
 const AROUND = 5;
-// The server takes no more in one message than four times as many.
 const MOST_TOGETHER = 500;
+// What the server takes in one message.
+const MOST_UNDONE = 2000;
 const MOVES = new Set(["earlier", "later", "much-earlier", "much-later"]);
 const setting = JSON.parse(element("annotate").dataset.setting);
 const server = new Server(setting.address);
@@ -123,7 +124,8 @@ function conflict() {
   more("The step shown below", () => settle(cursor, true));
   if (mine.length && !isOwn) more("Save mine as well, and leave it open", () => settle(entry.pending.step, false));
   const who = isOwn ? "You marked this critical state differently elsewhere." : "Two people marked this critical state differently.";
-  display.notice("conflict", `${who} Which step is right?${isOwn ? "" : " Until one is chosen, training uses the proposal."}`, choices);
+  const until = entry.disputed ? "the proposal" : "what is saved";
+  display.notice("conflict", `${who} Which step is right?${isOwn ? "" : ` Until one is chosen, training uses ${until}.`}`, choices);
   say(who);
 }
 
@@ -142,16 +144,16 @@ function save(entries, stepOf, settles = false) {
   }));
   for (const mark of marks) Object.assign(mark.entry, { pending: mark, judged: true, sampled: false });
   history.push(marks);
-  for (const batch of parts(marks)) {
+  for (const batch of parts(marks, MOST_TOGETHER)) {
     for (const mark of batch) mark.batch = batch;
     send(batch);
   }
 }
 
-/** Marks in messages that the server takes. */
-function parts(marks) {
-  const count = Math.ceil(marks.length / MOST_TOGETHER);
-  return Array.from({ length: count }, (_, index) => marks.slice(index * MOST_TOGETHER, (index + 1) * MOST_TOGETHER));
+/** Marks in messages of so many. */
+function parts(marks, most) {
+  const count = Math.ceil(marks.length / most);
+  return Array.from({ length: count }, (_, index) => marks.slice(index * most, (index + 1) * most));
 }
 
 /** Tell the server marks of one author; what came of a mark is known when its `sent` is over. */
@@ -162,6 +164,8 @@ function send(marks) {
   };
   const sent = server.tell("/marks", body).then(({ status, content }) => {
     queue.update(content.marks);
+    // Who has marked this has marked more: what others did meanwhile is not to be judged once more.
+    if (status === 409) refresh();
     return answered(marks, status === 409 ? comeOf : () => "done");
   }, (error) => {
     for (const mark of marks) Object.assign(mark, { failed: error.message, isFinal: error.isFinal });
@@ -184,7 +188,7 @@ const savedAs = (mark) => since(mark).find((each) => each.author === mark.author
 function comeOf(mark) {
   // The answer to an earlier attempt was lost, or a later mark has taken its place.
   if (mark.entry.pending !== mark || savedAs(mark)) return "done";
-  return since(mark).length ? "refused" : "again";
+  return since(mark).every((each) => isSame(each.step, mark.step)) ? "again" : "refused";
 }
 
 function answered(marks, outcomeOf) {
@@ -225,7 +229,9 @@ function accept(goOn) {
   go(goOn ? queue.next(accepted, which(), author()) : same[0] ?? accepted);
 }
 
-const isAsProposed = (each, step) => Boolean(each.proposal) && Math.abs(step - each.proposal.step) <= setting.same;
+const isSame = (one, other) => one !== null && Math.abs(one - other) <= setting.same;
+
+const isAsProposed = (each, step) => Boolean(each.proposal) && isSame(each.proposal.step, step);
 
 /** Offer to accept the rest together, once a few proposals were right. */
 function offer() {
@@ -279,7 +285,9 @@ async function undo() {
     await takeBack(undone);
   } catch (error) {
     history.push(undone);
-    return trouble(`nothing was undone, and it can be tried again: ${error.message}`);
+    const gone = undone.filter((mark) => mark.isUndone).length;
+    const what = gone ? `${gone} of ${undone.length} were undone, and the rest` : "nothing was undone, and it";
+    return trouble(`${what} can be tried again: ${error.message}`);
   }
   for (const mark of undone) {
     const each = mark.entry;
@@ -302,7 +310,7 @@ async function takeBack(marks) {
   for (const mark of marks) mark.version ??= savedAs(mark)?.version;
   const saved = marks.filter((mark) => mark.version);
   // When a later part fails, all are tried again: the server takes nothing back twice.
-  for (const [index, part] of parts(saved).entries()) await takeBackTogether(part, index ? 0 : keys, index ? 0 : seconds);
+  for (const [index, part] of parts(saved, MOST_UNDONE).entries()) await takeBackTogether(part, index ? 0 : keys, index ? 0 : seconds);
 }
 
 async function takeBackTogether(marks, keys, seconds) {
@@ -315,7 +323,7 @@ async function takeBackTogether(marks, keys, seconds) {
   };
   const { status, content } = await server.tell("/undo", body);
   queue.update(content.marks);
-  if (status !== 409) return;
+  if (status !== 409) return marks.forEach((mark) => { mark.isUndone = true; });
   const newer = marks.find((mark) => mark.entry.newest !== mark.after);
   if (newer) go(newer.entry);
   throw new Error(content.error);

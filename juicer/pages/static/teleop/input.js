@@ -20,6 +20,7 @@ export class Input extends EventTarget {
   #edges = {};
   #sequence = 0;
   #pads = new Map();
+  #waking = new Set();
   #source = "keyboard";
   #bound = new Set();
   #send;
@@ -121,21 +122,23 @@ export class Input extends EventTarget {
     const pad = [...navigator.getGamepads?.() ?? []].find((each) => each?.connected && each.mapping === "standard");
     if (!pad || !this.#drives()) {
       this.#pads.clear();
+      this.#waking.clear();
       return { held: [], axes: null, moved: false };
     }
     // A page sees a gamepad only once something is pressed: that press woke it, and is not meant for the robot.
-    const isNew = !this.#pads.size;
+    if (!this.#pads.size) pad.buttons.forEach(({ pressed }, index) => pressed && this.#waking.add(index));
     const held = [];
     let moved = pad.axes.some((value) => Math.abs(value) > 0.15);
     pad.buttons.forEach(({ pressed }, index) => {
       const name = BUTTONS[index];
-      if (!name || index === LT || index === RT) return;
+      if (!pressed) this.#waking.delete(index);
+      if (!name || index === LT || index === RT || this.#waking.has(index)) return;
       if (pressed) held.push(name);
-      if (pressed && !isNew && !this.#pads.get(name)) this.#edges[name] = (this.#edges[name] ?? 0) + 1;
+      if (pressed && !this.#pads.get(name)) this.#edges[name] = (this.#edges[name] ?? 0) + 1;
       this.#pads.set(name, pressed);
       moved ||= pressed;
     });
-    const triggers = [pad.buttons[LT]?.value ?? 0, pad.buttons[RT]?.value ?? 0];
+    const triggers = [LT, RT].map((index) => (this.#waking.has(index) ? 0 : pad.buttons[index]?.value ?? 0));
     moved ||= triggers.some((value) => value > 0.05);
     const axes = [...pad.axes.slice(0, 4), ...triggers].map((value) => Math.max(-1, Math.min(1, value)));
     return { held, axes, moved };

@@ -152,7 +152,7 @@ function show(news) {
     element("occupied").hidden = shown || !status.going_on;
     if (status.task) say("occupied-by", episode());
   }
-  element("take-over").hidden = !status.going_on || status.drives;
+  showDriver(before, shown);
   if (news.key_list) showKeys(status.key_list);
   if (news.drafts) showDrafts(status.drafts);
   if (signs[done]?.(news)) obeyed();
@@ -176,6 +176,17 @@ function show(news) {
   if (news.undo_s) element("undo-s").value = status.undo_s;
   if (news.numbers) say("number-list", numbers(status.numbers));
   announce(before, phase);
+}
+
+/** Whoever drives is named: a page that was given the controls unasked says the name that it remembers, or asks for one. */
+function showDriver(before, shown) {
+  const form = element("take-over");
+  const name = form.operator.value.trim();
+  const isSomebodyElse = shown && status.drives && status.operator !== name;
+  if (isSomebodyElse && !before.drives && name) order({ kind: "take over", operator: name });
+  form.hidden = !status.going_on || (status.drives && !isSomebodyElse);
+  say("recorded-as", isSomebodyElse ? `You drive, and it is recorded as ${status.operator || "nobody"}'s.` : "");
+  say("take-over-name", status.drives ? "Drive under this name" : "Take over the controls");
 }
 
 function watching() {
@@ -207,6 +218,7 @@ function showDrafts(left) {
 
 function resume({ task, draft }) {
   const { target, spacemouse, operator, keys } = element("begin").elements;
+  element("take-over").operator.value = operator.value;
   hasBegun = true;
   order({
     kind: "resume", task, draft, target: Number(target.value), spacemouse: spacemouse.checked,
@@ -291,18 +303,23 @@ element("begin").addEventListener("submit", (event) => {
 });
 element("take-over").addEventListener("submit", (event) => {
   event.preventDefault();
+  element("begin").operator.value = event.target.operator.value;
+  localStorage.setItem("teleop.operator", event.target.operator.value);
   order({ kind: "take over", operator: event.target.operator.value });
   document.activeElement?.blur();
   input.isActive = true;
 });
 element("end").addEventListener("click", () => order({ kind: "end" }));
 for (const id of ["time-scale", "undo-s"]) {
+  let isPointedAt = false;
+  element(id).addEventListener("pointerdown", () => { isPointedAt = true; });
+  element(id).addEventListener("keydown", () => { isPointedAt = false; });
   element(id).addEventListener("change", ({ target }) => {
     order({
       kind: "pace", time_scale: Number(element("time-scale").value), undo_s: Number(element("undo-s").value),
     });
-    // Else the next keys would choose in the list instead of driving.
-    target.blur();
+    // Else the next keys would choose in the list instead of driving. Who uses the keyboard stays there.
+    if (isPointedAt) target.blur();
   });
 }
 addEventListener("click", ({ detail }) => {

@@ -18,8 +18,9 @@ export function keyName(code) {
 
 /** A few short notes. */
 export function play(sound) {
-  const context = new AudioContext();
   const notes = HERTZ[sound] ?? [];
+  if (!notes.length) return;
+  const context = new AudioContext();
   notes.forEach((hertz, index) => {
     const tone = new OscillatorNode(context, { frequency: hertz });
     const volume = new GainNode(context, { gain: 0.1 });
