@@ -77,7 +77,7 @@ def show_artifact(text: str, as_json: bool) -> None:
     if len(manifest.files) > 20:
         say(f"  and {len(manifest.files) - 20} more")
     say_recordings(find_recordings(store, ref))
-    say(f"in {store.open(ref)}")
+    say(f"in {store.address(ref)}")
 
 
 def show_lineage(text: str, as_json: bool) -> None:

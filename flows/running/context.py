@@ -100,7 +100,8 @@ def expect(context: RunContext, planned: list[PlannedCall], folder: Path) -> Non
     kinds = {entry.call.recipe.kind for entry in to_come}
     catalog = catalog_of(context.session.store, folder)
     # The newest come first in a catalog, and the last one of a kind of work is to count.
-    seconds = {entry.work: entry.seconds for kind in kinds for entry in reversed(catalog.whole(kind).entries)}
+    known = (catalog.whole(kind, trusts_unstamped=True).entries for kind in kinds)
+    seconds = {entry.work: entry.seconds for entries in known for entry in reversed(entries)}
     context.board.expect(
         {
             str(entry.ref): Call(entry.stage, entry.label, seconds.get(kind_of_work(entry.call.recipe)))

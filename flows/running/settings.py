@@ -116,8 +116,9 @@ class Settings(BaseSettings):
 
     @property
     def devices(self) -> tuple[str, ...]:
-        """The devices, each once."""
-        return tuple(dict.fromkeys(self.device.split(",")))
+        """The devices, each once: beside others, ``cuda`` is the first of them."""
+        named = self.device.split(",")
+        return tuple(dict.fromkeys("cuda:0" if each == "cuda" and len(named) > 1 else each for each in named))
 
     @property
     def machine(self) -> Machine:

@@ -21,6 +21,8 @@ from stages.tracking.recorder import Recorder
 
 _IDENTITY = LoopConfig.model_fields.keys() - {*PATH_KEYS, "analyses", "shifts", MIX_KEY}
 """Keys that make a model another one: those of its loop, without paths and what is measured of it."""
+_ABOUT_MODELS = {"modes", "monitor", "report", "sampling"}
+"""Stages that no model is made or measured by: a report that is worded otherwise is of the same models."""
 _SHARED_PARAMS = {"task", *DATA_KEYS, "evaluate", "shifts"}
 
 
@@ -31,7 +33,7 @@ class Tracking:
         """Describe the models of a run to a recorder."""
         self._recorder = recorder
         self._config = config
-        self._code = {name: code_version(f"stages.{name}") for name in STAGES}
+        self._code = {name: code_version(f"stages.{name}") for name in STAGES if name not in _ABOUT_MODELS}
         self._finished: dict[str, Model] = {}
 
     def model(self, condition: str, seed: int) -> LiveModel:

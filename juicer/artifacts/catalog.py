@@ -170,10 +170,15 @@ class Catalog:
             reading.join(PATIENCE_SECONDS)
         return self._contents(listing)
 
-    def whole(self, kind: str | None = None) -> Contents:
-        """All that is there, of one kind or of all, however long the reading takes."""
+    def whole(self, kind: str | None = None, *, trusts_unstamped: bool = False) -> Contents:
+        """All that is there, of one kind or of all, however long the reading takes.
+
+        Args:
+            kind: Which; all if None.
+            trusts_unstamped: Whether what was known before will do where only a reading can tell if it has changed.
+        """
         listing = self._store.survey(kind)
-        self._read(self._unread(listing.refs, trusts_unstamped=False))
+        self._read(self._unread(listing.refs, trusts_unstamped=trusts_unstamped))
         return self._contents(listing)
 
     def of(self, refs: Collection[ArtifactRef]) -> Mapping[ArtifactRef, Entry]:
@@ -223,8 +228,8 @@ class Catalog:
             except ArtifactError as error:
                 entry = Entry(ref, trouble=str(error), stamp=stamp)
             with self._lock:
+                has_learned |= not entry.trouble and self._entries.get(ref) != entry
                 self._entries[ref] = entry
-            has_learned |= not entry.trouble
         if has_learned:
             self._keep()
 

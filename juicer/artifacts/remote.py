@@ -11,8 +11,10 @@ import errno
 import logging
 import uuid
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +41,9 @@ from juicer.text import printable
 
 logger = logging.getLogger(__name__)
 
+_REQUESTS = 16
+"""That wait for a store at a time."""
+
 
 @dataclass(frozen=True)
 class RemoteBackend:
@@ -62,8 +67,10 @@ class RemoteBackend:
         with self._talking(ArtifactError, "read"):
             found = ((kind, name) for kind in kinds for name in self._names(f"{self._base}/{kind}"))
             refs = [ArtifactRef(kind, name) for kind, name in found if name.startswith(beginning) and is_id(name)]
-            # Each is a request of its own.
-            return Listing(tuple(sorted(filter(self.exists, refs))))
+            # Each is a request of its own, over this thread's connections: fsspec would open others for each thread.
+            exists, paths = self._fs.exists, [self._manifest_path(ref) for ref in refs]
+            with ThreadPoolExecutor(_REQUESTS) as together:
+                return Listing(tuple(sorted(compress(refs, together.map(exists, paths)))))
 
     def exists(self, ref: ArtifactRef) -> bool:
         """Whether the artifact was committed; says nothing about damage since."""

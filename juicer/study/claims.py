@@ -157,7 +157,7 @@ def claims_section(studies: Sequence[TaskStudy]) -> Section | None:
         "claims",
         "Claims",
         "The paper's statements, one by one",
-        f"{told}. A statement about two conditions holds, or does not, if McNemar's exact test and the interval of the "
+        f"{told}. A statement about two conditions holds, or does not, if McNemar's test and the interval of the "
         "difference over models and episodes both say so, of two models of each at least (each statement tested by "
         "itself, at 5 %); else it cannot be told. Statements are of the tasks on which the paper's averages agree with "
         "them. Intervals are 95 %. The paper's Table VI is of 50 demonstrations at low randomness"

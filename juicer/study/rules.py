@@ -129,6 +129,9 @@ class ModelsDiffer:
         result = study.measured[self.condition].result
         if result.num_models < 3:
             return Verdict(Ruling.UNTESTED, f"three models of {self.condition} at least are needed")
+        if result.anytime:
+            told = "its evaluations ended when something was settled, for which there is no such test"
+            return Verdict(Ruling.OPEN, f"{result.title}: {told}")
         p_value = models_differ(result)
         ruling = Ruling.HOLDS if p_value < LEVEL else Ruling.OPEN
         return Verdict(

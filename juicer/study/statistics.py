@@ -102,7 +102,8 @@ def difference_interval(first: ConditionResult, second: ConditionResult, level: 
 
     A bootstrap that draws pairs of models, then pairs of episodes of each. It covers Student's interval of the pairs'
     differences as well, which of a few models is the only one that is wide enough, and an interval of the pooled pairs
-    of episodes that has a width also where all of them ended alike (Agresti and Min 2005). Where one of a pair was
+    of episodes that has a width also where all of them ended alike (Agresti and Min 2005), and that holds although
+    evaluations ended when something was settled, if they did. Where one of a pair was
     evaluated longer, its further episodes are not compared, as in :func:`~juicer.evaluation.compare`.
     """
     seconds = {model.seed: model.successes for model in second.models}
@@ -118,19 +119,33 @@ def difference_interval(first: ConditionResult, second: ConditionResult, level: 
     drawn = rng.multinomial(sizes[models], (counts / sizes[:, None])[models])
     averages = np.mean((drawn[..., 0] - drawn[..., 1]) / sizes[models], axis=1)
     low, high = np.quantile(averages, [0.5 - level / 2, 0.5 + level / 2])
-    intervals = [(float(low), float(high)), _pooled_interval(counts.sum(axis=0), level)]
+    intervals = [
+        (float(low), float(high)),
+        _pooled_interval(counts.sum(axis=0), level, anytime=first.anytime or second.anytime),
+    ]
     if len(counts) > 1:
         intervals.append(student_interval(((counts[:, 0] - counts[:, 1]) / sizes).tolist(), level))
     return max(-1.0, min(each[0] for each in intervals)), min(1.0, max(each[1] for each in intervals))
 
 
-def _pooled_interval(counts: NDArray[np.int64], level: float) -> Interval:
-    """Wald's interval of a difference of paired rates, with half an episode more of every outcome."""
+def _pooled_interval(counts: NDArray[np.int64], level: float, *, anytime: bool) -> Interval:
+    """Wald's interval of a difference of paired rates, with half an episode more of every outcome.
+
+    If it has to hold however often one looks, it is as many standard errors wide as an asymptotic confidence sequence
+    (Waudby-Smith, Arbour, Sinha, Kennedy and Ramdas 2024), one that is tightest after a hundred pairs.
+    """
     gained, lost, equal = counts.tolist()
     number = gained + lost + equal + 2
     middle = (gained - lost) / number
-    half = NormalDist().inv_cdf(0.5 + level / 2) * math.sqrt(((gained + lost + 1) / number - middle**2) / number)
+    errors = _standard_errors_at_any_time(number, level) if anytime else NormalDist().inv_cdf(0.5 + level / 2)
+    half = errors * math.sqrt(((gained + lost + 1) / number - middle**2) / number)
     return middle - half, middle + half
+
+
+def _standard_errors_at_any_time(number: int, level: float) -> float:
+    error = 1 - level
+    prior = 100 / (-2 * math.log(error) + math.log(1 - 2 * math.log(error)))
+    return math.sqrt((1 + prior / number) * math.log((number + prior) / (prior * error**2)))
 
 
 def models_differ(result: ConditionResult) -> float:

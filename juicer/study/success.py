@@ -127,10 +127,12 @@ def _average_and_best(task: str, result: ConditionResult | None) -> str:
 
 def paired_tests(title: str, results: Sequence[ConditionResult], found: Sequence[Difference]) -> Iterator[Table]:
     """The reference with every other condition; and if there are several, all pairs."""
-    reference = next((result for result in results if result.condition == REFERENCE), results[0])
+    paired = [result for result in results if any(result in (each.first, each.second) for each in found)]
+    reference = next((result for result in paired if result.condition == REFERENCE), paired[0])
     rows = [_tested(each, reference) for each in found if reference in (each.first, each.second)]
     columns = ("conditions", "difference", "95% interval", "only first / only second", "p, adjusted")
-    yield Table(columns, tuple(rows), title, f"p is of {found[0].test.test}.")
+    tests = dict.fromkeys(each.test.test for each in found)
+    yield Table(columns, tuple(rows), title, f"p is of {', or of '.join(tests)}.")
     if len(results) > 2:
         cells = {(each.first.condition, each.second.condition): each for each in found}
         yield Table(

@@ -27,9 +27,11 @@ from stages.tracking import entries
 from stages.tracking.destination import reason
 from stages.tracking.history import History, read_history
 from stages.tracking.model import Model
-from stages.tracking.run_writer import COMPLETE, RunWriter, finished_at
+from stages.tracking.run_writer import CHECKPOINT, COMPLETE, RunWriter, finished_at
 
 KEY, PAGES, NOTE = "juicer.model", "juicer.pages", "mlflow.note.content"
+SUPERSEDED = "juicer.superseded"
+"""Tag of a run in whose place another was; its value is what that one showed, as in the tag of complete runs."""
 RUNS_BATCH = 1000
 """Runs that MLflow gives at a time."""
 
@@ -128,6 +130,20 @@ class Study:
             self._runs[key] = run
         return run
 
+    def open_to_train(self, key: str, name: str, tags: Mapping[str, str]) -> Run:
+        """A run for a model that is being trained: another one than that of a finished model."""
+        if (run := self.find(key)) and CHECKPOINT in run.data.tags and not _is_deleted(run):
+            # Until the new model is finished, what is noted of it is still the earlier one.
+            tags = {**tags, SUPERSEDED: run.data.tags.get(COMPLETE, "")}
+            self._supersede(key)
+        return self.open(key, name, tags)
+
+    def _supersede(self, key: str) -> None:
+        """Leave a run as it is to the model that it shows, with its versions, since another has taken its place."""
+        run = self._runs.pop(key)
+        self._client.set_tag(run.info.run_id, KEY, f"{key} {run.info.run_id}")
+        self._client.update_run(run.info.run_id, name=f"{run.info.run_name} (earlier)")
+
     def show(self, models: Sequence[Model]) -> list[str]:
         """Show all models of the study, the oldest first; gives a sentence for each that cannot be shown."""
         shown = [model for model in models if self._attempt(model.label, partial(self._show_model, model))]
@@ -164,9 +180,13 @@ class Study:
         if (found := self.find(model.key)) and _is_done(found, state):
             self._link_pages(found, model)
             return
+        if found and found.data.tags.get(SUPERSEDED) == state:
+            return
         history = self._history(model)
         end = finished_at(history.evaluation)
         tags = {"condition": model.condition, "seed": str(model.seed)}
+        if found and found.data.tags.get(CHECKPOINT, str(history.checkpoint)) != str(history.checkpoint):
+            self._supersede(model.key)
         run = self.open(model.key, model.label, tags, end - round(1000 * history.seconds))
         self._writer.params(run, model.params)
         self._writer.numbers(run, _facts(history), end)

@@ -165,7 +165,7 @@ class Recorder:
 
             tags = {"condition": model.condition, "seed": str(model.seed)}
             study = Study(client, self._store, model.study, self._destination.artifact_root)
-            run = study.open(model.key, model.label, tags).info.run_id
+            run = study.open_to_train(model.key, model.label, tags).info.run_id
             lock = FileLock(self._destination.folder / f"{run}{LIVE}")
             lock.acquire(timeout=0)
             client.update_run(run, status="RUNNING")

@@ -21,6 +21,8 @@ from stages.tracking.model import Model
 
 COMPLETE = "juicer.complete"
 """Tag of a run that shows everything; its value says of what."""
+CHECKPOINT = "juicer.checkpoint"
+"""Tag of a run that shows a finished model; its value says which, as ``kind/id``."""
 BATCH, PARAMS_BATCH = 1000, 100
 """Entries that MLflow takes at a time."""
 
@@ -40,11 +42,17 @@ class RunWriter:
             self._client.log_batch(run.info.run_id, params=batch)
 
     def numbers(self, run: Run, numbers: Mapping[str, float], time: int) -> None:
-        """Metrics of one value each, at a time in milliseconds."""
+        """Metrics of one value each, at a time in milliseconds, or later if there is another value of that time."""
         known = run.data.metrics
-        missing = [Metric(name, value, time, 0) for name, value in numbers.items() if known.get(name) != value]
+        changed = {name: value for name, value in numbers.items() if known.get(name) != value}
+        missing = [Metric(name, value, self._time_after(run, name, time), 0) for name, value in changed.items()]
         for batch in _batches(missing, BATCH):
             self._client.log_batch(run.info.run_id, metrics=batch)
+
+    def _time_after(self, run: Run, name: str, time: int) -> int:
+        # Of all values at one step, MLflow shows that of the latest time, and of these the largest.
+        known = self._client.get_metric_history(run.info.run_id, name) if name in run.data.metrics else ()
+        return max([time, *(point.timestamp + 1 for point in known)])
 
     def curves(self, run: Run, history: History) -> None:
         """How the models of all rounds learned; the final one's curves have the plain names."""
@@ -77,6 +85,7 @@ class RunWriter:
     def checkpoint(self, run: Run, model: Model, history: History, ref: ArtifactRef) -> None:
         """The model itself, as a version of its condition's registered model."""
         identity, name = run.info.run_id, f"{model.study}.{model.condition}"
+        self._client.set_tag(identity, CHECKPOINT, str(ref))
         self._client.log_artifacts(identity, str(self._store.open(ref, "checkpoint")), entries.MODEL)
         self._client.log_text(identity, entries.mlmodel(identity, model.task), f"{entries.MODEL}/MLmodel")
         try:

@@ -15,6 +15,7 @@ from typing import Any
 import fsspec
 import pytest
 
+from juicer.artifacts.catalog import Catalog
 from juicer.artifacts.recipe import Recipe
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
@@ -338,6 +339,24 @@ def test_an_id_is_looked_up_without_asking_for_every_other_artifact(
         asked.clear()
         assert store.resolve(text) == refs[2]
         assert len(asked) == 1
+
+
+def test_a_list_that_has_not_changed_is_made_by_one_look(
+    store: ArtifactStore, recipe: Recipe, make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refs = [make(store, replace(recipe, config={"seed": seed})) for seed in range(4)]
+    catalog = Catalog(store, tmp_path)
+    catalog.whole()
+    looks: list[str | None] = []
+    survey = ArtifactStore.survey
+    monkeypatch.setattr(ArtifactStore, "survey", lambda store, *about: looks.append("") or survey(store, *about))
+    reads: list[ArtifactRef] = []
+    manifest = ArtifactStore.manifest
+    monkeypatch.setattr(ArtifactStore, "manifest", lambda store, ref: reads.append(ref) or manifest(store, ref))
+    assert len(catalog.whole(recipe.kind, trusts_unstamped=True).entries) == 4
+    assert (len(looks), reads) == (1, [])
+    assert len(catalog.whole(recipe.kind).entries) == 4
+    assert (len(looks), sorted(reads)) == (2, sorted(refs))
 
 
 def test_a_store_that_does_not_answer_is_told_from_one_that_refuses(

@@ -218,6 +218,9 @@ def test_models_differ_only_if_there_are_enough_of_them_and_not_by_chance(study,
     assert rule.judge(study(result("bc", 0.2, 0.9))).ruling is Ruling.UNTESTED
     assert rule.judge(study(result("bc", 0.3, 0.5, 0.9))).ruling is Ruling.HOLDS
     assert rule.judge(study(result("bc", 0.5, 0.52, 0.49))).ruling is Ruling.OPEN
+    ended_early = rule.judge(study(replace(result("bc", 0.3, 0.5, 0.9), anytime=True)))
+    assert ended_early.ruling is Ruling.OPEN
+    assert "ended when something was settled" in ended_early.reason
 
 
 def test_a_curve_saturates_where_its_fit_says_so(study, result):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from juicer.evaluation import ModelResult, summarise
+from juicer.evaluation import ConditionResult, ModelResult, summarise
 from juicer.seeding import stream
 from juicer.study.statistics import against, difference_interval, differences, holm, models_differ
 
@@ -84,6 +85,28 @@ def test_interval_of_a_difference_holds_it_in_nineteen_of_twenty(result):
         low, high = difference_interval(*pair)
         covered.append(low <= 0 <= high)
     assert np.mean(covered) > 0.85
+
+
+def test_interval_of_a_difference_holds_however_often_one_looks(monkeypatch):
+    """Two recipes that succeed equally often, looked at in eight blocks until their interval says that they differ."""
+    monkeypatch.setattr("juicer.study.statistics.DRAWS", 500)
+    wrong = {False: 0, True: 0}
+    for number, anytime in itertools.product(range(100), wrong):
+        draws = stream(number, "looks").random((2, 5, 200)) < 0.7
+        for episodes in range(25, 201, 25):
+            first, second = (
+                [
+                    ModelResult(seed, tuple(range(episodes)), tuple(each[:episodes].tolist()))
+                    for seed, each in enumerate(models)
+                ]
+                for models in draws
+            )
+            pair = [ConditionResult("", "", tuple(models), (0.0, 1.0), anytime) for models in (first, second)]
+            low, high = difference_interval(*pair)
+            if not low <= 0 <= high:
+                wrong[anytime] += 1
+                break
+    assert wrong[True] <= 5 < wrong[False]
 
 
 def test_episodes_that_only_one_of_two_conditions_has_are_not_compared(result):

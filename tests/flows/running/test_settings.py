@@ -34,6 +34,10 @@ def test_device_may_be_a_gpu(monkeypatch, device):
 def test_devices_are_counted_once_each(monkeypatch):
     monkeypatch.setenv("JUICER_DEVICE", "cuda:0,cuda:1,cuda:0")
     assert read_settings().machine.devices == ("cuda:0", "cuda:1")
+    monkeypatch.setenv("JUICER_DEVICE", "cuda,cuda:0,cuda:1")
+    assert read_settings().machine.devices == ("cuda:0", "cuda:1")
+    monkeypatch.setenv("JUICER_DEVICE", "cuda")
+    assert read_settings().machine.devices == ("cuda",)
 
 
 def test_processes_of_a_training_are_a_fact_about_the_machine(monkeypatch):

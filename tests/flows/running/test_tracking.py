@@ -56,6 +56,18 @@ def test_the_curves_of_a_model_for_several_tasks_are_those_of_its_last_training(
     assert (len(gathered), final.turn) == (2, 1)
 
 
+def test_code_that_only_tells_of_models_makes_them_no_others(monkeypatch):
+    before = identity({"bc": {}})
+    changed = "report"
+    monkeypatch.setattr("flows.running.tracking.code_version", lambda name: f"{name} {name == f'stages.{changed}'}")
+    monkeypatch.setattr("flows.running.tracking.STAGES", ("report", "train"))
+    told = identity({"bc": {}})
+    changed = ""
+    assert identity({"bc": {}}) == told
+    changed = "train"
+    assert identity({"bc": {}}) != told != before
+
+
 def test_what_a_condition_changes_makes_it_another_model_only_if_its_training_or_measurement_differs():
     usual = identity({"bc": {}})
     push = {"push": {"kind": "push"}}

@@ -18,7 +18,7 @@ from juicer.storage.curves import read_curves
 from stages.tracking.destination import MODELS_VIEW, VIEW, newest_study, runs_page
 from stages.tracking.model import noted
 from stages.tracking.publish import NOTE, publish
-from stages.tracking.run_writer import COMPLETE
+from stages.tracking.run_writer import COMPLETE, RunWriter
 
 ROOT = Path(__file__).parents[3]
 
@@ -415,6 +415,37 @@ def test_a_registered_version_is_told_from_others_and_loads_without_unpickling(d
     assert lines[0] == lines[1]
     assert lines[0].startswith("(2, ")
     assert json.loads(lines[0].split(") ")[1]) != 0
+
+
+def test_a_model_that_was_trained_anew_leaves_the_earlier_one_its_run_and_its_version(destination, store, study):
+    first, other = study.model("bc", 0), study.model("bc", 1)
+    client = show(destination, store, [first])
+    run = runs_of(client)["BC, seed 0"]
+    weights = client.download_artifacts(run.info.run_id, "model/weights.safetensors")
+    before = Path(weights).read_bytes()
+    # As after other labels or another release of a library: the same model by its configuration.
+    again = first.model_copy(update={"evaluation": other.evaluation})
+    show(destination, store, [again])
+    show(destination, store, [again])
+    runs = runs_of(client)
+    assert set(runs) == {"BC", "BC, seed 0", "BC, seed 0 (earlier)"}
+    assert runs["BC, seed 0 (earlier)"].info.run_id == run.info.run_id
+    assert runs["BC, seed 0 (earlier)"].data.metrics == run.data.metrics
+    assert Path(client.download_artifacts(run.info.run_id, "model/weights.safetensors")).read_bytes() == before
+    versions = {each.tags["artifact"]: each.run_id for each in client.search_model_versions("name = 'study.bc'")}
+    assert versions == {
+        checkpoint_of(store, first): run.info.run_id,
+        checkpoint_of(store, other): runs["BC, seed 0"].info.run_id,
+    }
+    assert counts(client, "BC, seed 0") == 49
+
+
+@pytest.mark.parametrize("values", [(1.0, 0.75), (0.75, 1.0)])
+def test_of_two_values_at_one_time_the_last_one_is_shown(destination, store, study, values):
+    client = show(destination, store, [study.model()])
+    for value in values:
+        RunWriter(client, store).numbers(runs_of(client)["BC"], {"success_rate": value}, 1000)
+    assert runs_of(client)["BC"].data.metrics["success_rate"] == values[-1]
 
 
 def note_of(client):

@@ -52,6 +52,27 @@ def test_curves_are_shown_while_a_model_is_made_and_once_in_the_end(destination,
     assert not list(destination.folder.glob("*.live"))
 
 
+def test_a_model_that_is_trained_anew_is_shown_in_a_run_of_its_own_from_the_first_point_on(destination, store, study):
+    model, other = study.model(), study.model(seed=1)
+    record(destination, store, model)
+    begun = model.model_copy(update={"evaluation": ""})
+    assert record(destination, store, other, points=[(begun, 10)], status="FAILED") == (True, [])
+    client, runs = runs_of(destination)
+    assert set(runs) == {"BC", "BC, seed 0 (earlier)", "BC, seed 0", "BC, seed 1"}
+    steps = {
+        name: sorted(point.step for point in client.get_metric_history(run.info.run_id, "train/loss"))
+        for name, run in runs.items()
+    }
+    assert (len(steps["BC, seed 0 (earlier)"]), steps["BC, seed 0"]) == (49, [10])
+    record(destination, store, model.model_copy(update={"evaluation": other.evaluation}), points=[(begun, 20)])
+    _, again = runs_of(destination)
+    assert {run.info.run_name: run.info.run_id for run in again.values()} == {
+        run.info.run_name: run.info.run_id for run in runs.values()
+    }
+    assert again["BC, seed 0"].info.status == "FINISHED"
+    assert again["BC, seed 0"].data.tags["juicer.checkpoint"] == again["BC, seed 1"].data.tags["juicer.checkpoint"]
+
+
 def test_a_server_that_is_away_costs_a_sentence_and_a_later_run_catches_up(destination, store, study, tmp_path, data):
     model = study.model()
     (tmp_path / "file").touch()
