@@ -132,7 +132,7 @@ class Study:
 
     def open_to_train(self, key: str, name: str, tags: Mapping[str, str]) -> Run:
         """A run for a model that is being trained: another one than that of a finished model."""
-        if (run := self.find(key)) and CHECKPOINT in run.data.tags and not _is_deleted(run):
+        if (run := self.find(key)) and run.data.tags.keys() & {CHECKPOINT, COMPLETE} and not _is_deleted(run):
             # Until the new model is finished, what is noted of it is still the earlier one.
             tags = {**tags, SUPERSEDED: run.data.tags.get(COMPLETE, "")}
             self._supersede(key)
