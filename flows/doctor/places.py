@@ -15,7 +15,9 @@ from pathlib import Path
 from flows.doctor.verdict import Verdict, ok, problem, warning
 from flows.running.data_folder import open_store
 from flows.running.settings import Settings
-from juicer.errors import ArtifactNotFound, DamagedArtifact, UnreadableArtifact
+from juicer.artifacts.ref import ArtifactRef
+from juicer.artifacts.store import ArtifactStore
+from juicer.errors import UnreadableArtifact
 
 NOTABLE_SKEW_SECONDS = 5.0
 
@@ -54,21 +56,23 @@ def check_store(settings: Settings) -> Iterator[Verdict]:
     listing = store.survey()
     for place in listing.unseen:
         yield problem(f"in '{store.url}' {place}", "see to its owner and permissions")
-    manifests, unreadable = [], 0
-    for ref in listing.refs:
-        try:
-            manifests.append(store.manifest(ref))
-        except ArtifactNotFound:  # it was removed meanwhile
-            continue
-        except (DamagedArtifact, UnreadableArtifact):
-            unreadable += 1
-    if unreadable:
+    manifests = store.list()
+    known = {manifest.ref for manifest in manifests}
+    # What a run removes meanwhile is not there.
+    if unreadable := sum(_is_there(store, ref) for ref in listing.refs if ref not in known):
         among = f"{unreadable} of {unreadable + len(manifests)} artifacts"
         yield problem(f"{among} in '{store.url}' cannot be read", "see `juicer verify`")
     latest = max((datetime.fromisoformat(manifest.finished) for manifest in manifests), default=None)
     if latest and (ahead := latest.timestamp() - time.time()) > NOTABLE_SKEW_SECONDS:
         yield warning(f"an artifact was finished {ahead:.0f} s from now", "compare the clocks of the machines")
     yield ok(f"{len(manifests)} artifacts in '{store.url}'")
+
+
+def _is_there(store: ArtifactStore, ref: ArtifactRef) -> bool:
+    try:
+        return store.exists(ref)
+    except UnreadableArtifact:
+        return True
 
 
 def check_leftovers(settings: Settings) -> Iterator[Verdict]:

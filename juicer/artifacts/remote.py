@@ -67,10 +67,10 @@ class RemoteBackend:
         with self._talking(ArtifactError, "read"):
             found = ((kind, name) for kind in kinds for name in self._names(f"{self._base}/{kind}"))
             refs = [ArtifactRef(kind, name) for kind, name in found if name.startswith(beginning) and is_id(name)]
-            # Each is a request of its own, over this thread's connections: fsspec would open others for each thread.
-            exists, paths = self._fs.exists, [self._manifest_path(ref) for ref in refs]
-            with ThreadPoolExecutor(_REQUESTS) as together:
-                return Listing(tuple(sorted(compress(refs, together.map(exists, paths)))))
+            fs, paths = self._fs, [self._manifest_path(ref) for ref in refs]
+            # Each is a request of its own. File systems that are not asynchronous have one connection for all.
+            with ThreadPoolExecutor(_REQUESTS if fs.async_impl else 1) as together:
+                return Listing(tuple(sorted(compress(refs, together.map(fs.exists, paths)))))
 
     def exists(self, ref: ArtifactRef) -> bool:
         """Whether the artifact was committed; says nothing about damage since."""

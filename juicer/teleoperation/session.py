@@ -78,6 +78,11 @@ class Session:
             self._operator = operator
         self._inbox.take_over(controls)
 
+    @property
+    def operator(self) -> str:
+        """Name of who drives."""
+        return self._operator
+
     def hear(self, state: ControllerState) -> bool:
         """Take the newest state of the controller; False if it is a repeated or an overtaken one."""
         return self._inbox.put(state, time.monotonic())

@@ -37,6 +37,7 @@ MOST_NOTE_BYTES = 4_096
 VERDICTS = "verified"
 """Name, beside the logs, of the folder of what their checks have come to."""
 _SECONDS_TO_END = 5.0
+_SECONDS_TO_RECOVER = 1.0
 
 
 class Verdict(StrEnum):
@@ -49,7 +50,7 @@ class Verdict(StrEnum):
     REJECTED = "rejected"
     """It cannot be learned from."""
     UNCHECKED = "unchecked"
-    """The process died over it, again and again."""
+    """The process died over it, or could not be started, again and again."""
 
 
 @dataclass(frozen=True)
@@ -128,11 +129,12 @@ class Verifier:
     def _checked(self, path: Path, task: str) -> Verification:
         for _ in range(ATTEMPTS):
             answer = self._ask(path, task)
-            if answer or self._closed.is_set():
+            if answer or self._closed.wait(_SECONDS_TO_RECOVER):
                 return answer or CHECKING
         return Verification(
             Verdict.UNCHECKED,
-            f"It is written, but the process that replays it died {ATTEMPTS} times; ingestion will judge it",
+            f"It is written, but the process that replays it died or did not start, {ATTEMPTS} times; ingestion will "
+            "judge it",
         )
 
     def _ask(self, path: Path, task: str) -> Verification | None:

@@ -36,7 +36,7 @@ IDLE_STEPS = 300
 STANDING_STEPS = 2
 """Steps that the arm is given to come to rest when the operator is gone."""
 OPEN, CLOSE = -1.0, 1.0
-_BRING_BACK = "Undo brings back what was discarded, until you move"
+_BRING_BACK = "Undo brings back what was discarded; to begin, let go of everything, then move"
 
 
 class Ending(Enum):

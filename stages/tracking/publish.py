@@ -30,8 +30,6 @@ from stages.tracking.model import Model
 from stages.tracking.run_writer import CHECKPOINT, COMPLETE, RunWriter, finished_at
 
 KEY, PAGES, NOTE = "juicer.model", "juicer.pages", "mlflow.note.content"
-SUPERSEDED = "juicer.superseded"
-"""Tag of a run in whose place another was; its value is what that one showed, as in the tag of complete runs."""
 RUNS_BATCH = 1000
 """Runs that MLflow gives at a time."""
 
@@ -130,19 +128,47 @@ class Study:
             self._runs[key] = run
         return run
 
-    def open_to_train(self, key: str, name: str, tags: Mapping[str, str]) -> Run:
-        """A run for a model that is being trained: another one than that of a finished model."""
-        if (run := self.find(key)) and run.data.tags.keys() & {CHECKPOINT, COMPLETE} and not _is_deleted(run):
-            # Until the new model is finished, what is noted of it is still the earlier one.
-            tags = {**tags, SUPERSEDED: run.data.tags.get(COMPLETE, "")}
-            self._supersede(key)
-        return self.open(key, name, tags)
+    def open_to_train(self, model: Model, start: int) -> Run:
+        """A run for a model that is being trained since some time: another one than that of a finished model."""
+        found = self.find(model.key)
+        if found and CHECKPOINT in found.data.tags and not _is_deleted(found):
+            self._supersede(found, model.key)
+        return self.open(model.key, model.label, _tags(model), start)
 
-    def _supersede(self, key: str) -> None:
-        """Leave a run as it is to the model that it shows, with its versions, since another has taken its place."""
-        run = self._runs.pop(key)
-        self._client.set_tag(run.info.run_id, KEY, f"{key} {run.info.run_id}")
+    def _supersede(self, run: Run, key: str) -> None:
+        """Leave a run as it is to the model that it shows, with its versions, since another takes its place."""
+        earlier = f"{key} {run.data.tags[CHECKPOINT]}"
+        self._client.set_tag(run.info.run_id, KEY, earlier)
         self._client.update_run(run.info.run_id, name=f"{run.info.run_name} (earlier)")
+        self._runs[earlier] = self._runs.pop(key)
+
+    def _key_of(self, model: Model, checkpoint: str) -> str:
+        """Under which key a model's run is, or is to be made.
+
+        Of several models of one configuration, made from other labels or by other releases of libraries, the newest
+        has the plain key.
+        """
+        found, own = self.find(model.key), f"{model.key} {checkpoint}"
+        if found is None:
+            return model.key
+        shown = found.data.tags.get(CHECKPOINT)
+        if shown is None:
+            return own if _is_before(model, found) else model.key
+        if shown not in ("", checkpoint):
+            if self.find(own):
+                return own
+            self._supersede(found, model.key)
+        return model.key
+
+    def _shown(self, model: Model, state: str) -> Run | None:
+        """The run that shows a model already, completely."""
+        found = self.find(model.key)
+        if found and _is_done(found, state):
+            return found
+        if found and CHECKPOINT not in found.data.tags and not _is_before(model, found):
+            return None
+        earlier = (run for key, run in self._runs.items() if key.startswith(f"{model.key} "))
+        return next((run for run in earlier if run.data.tags.get(COMPLETE) == state), None)
 
     def show(self, models: Sequence[Model]) -> list[str]:
         """Show all models of the study, the oldest first; gives a sentence for each that cannot be shown."""
@@ -177,17 +203,13 @@ class Study:
 
     def _show_model(self, model: Model) -> None:
         state = " ".join(model.evaluations.values())
-        if (found := self.find(model.key)) and _is_done(found, state):
-            self._link_pages(found, model)
-            return
-        if found and found.data.tags.get(SUPERSEDED) == state:
+        if shown := self._shown(model, state):
+            self._link_pages(shown, model)
             return
         history = self._history(model)
         end = finished_at(history.evaluation)
-        tags = {"condition": model.condition, "seed": str(model.seed)}
-        if found and found.data.tags.get(CHECKPOINT, str(history.checkpoint)) != str(history.checkpoint):
-            self._supersede(model.key)
-        run = self.open(model.key, model.label, tags, end - round(1000 * history.seconds))
+        key = self._key_of(model, str(history.checkpoint or ""))
+        run = self.open(key, model.label, _tags(model), end - round(1000 * history.seconds))
         self._writer.params(run, model.params)
         self._writer.numbers(run, _facts(history), end)
         for name, ref in model.shifted.items():
@@ -329,6 +351,15 @@ def _location(client: MlflowClient, name: str) -> str | None:
 
 def _is_deleted(run: Run) -> bool:
     return bool(run.info.lifecycle_stage == LifecycleStage.DELETED)
+
+
+def _tags(model: Model) -> dict[str, str]:
+    return {"condition": model.condition, "seed": str(model.seed)}
+
+
+def _is_before(model: Model, run: Run) -> bool:
+    """Whether a model was finished before the training began that a run without a checkpoint shows."""
+    return bool(1000 * model.noted < run.info.start_time)
 
 
 def _is_done(run: Run, state: str) -> bool:

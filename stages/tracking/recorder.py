@@ -56,7 +56,7 @@ class Recorder:
         self._pages = pages
         self._said: set[str] = set()
         self._points: SimpleQueue[tuple[Model, dict[str, float], int, float]] = SimpleQueue()
-        self._live: dict[str, tuple[str, FileLock]] = {}
+        self._live: dict[str, tuple[str, FileLock, int]] = {}
         self._is_due, self._finish = True, threading.Event()
         self._status = "FINISHED"
         self._thread = threading.Thread(target=self._work, name="MLflow", daemon=True)
@@ -114,7 +114,7 @@ class Recorder:
         if self._is_due:
             self._publish(client)
         if is_last:
-            for run, lock in self._live.values():
+            for run, lock, _ in self._live.values():
                 _end(client, run, self._status)
                 _release(lock)
 
@@ -135,7 +135,8 @@ class Recorder:
         for problem in published.problems:
             self._say(problem)
         for model in models:
-            if model.key in self._live:
+            # What was noted before is the model in whose place this one is trained.
+            if model.key in self._live and 1000 * model.noted >= self._live[model.key][2]:
                 _release(self._live.pop(model.key)[1])
 
     def _show_points(self, client: MlflowClient) -> None:
@@ -148,28 +149,27 @@ class Recorder:
             except Empty:
                 break
             points = waiting.setdefault(model.key, (model, []))[1]
-            points += [Metric(name, value, round(1000 * moment), step) for name, value in metrics.items()]
+            points += [Metric(name, value, int(1000 * moment), step) for name, value in metrics.items()]
         for model, points in waiting.values():
             try:
-                run = self._run_of(client, model)
+                run = self._run_of(client, model, min(point.timestamp for point in points))
                 for start in range(0, len(points), 1000):
                     client.log_batch(run, points[start : start + 1000])
             except Exception as error:
                 client.search_experiments(max_results=1)  # raises if MLflow is away
                 logger.debug("no curves of %s are shown", model.label, exc_info=error)
 
-    def _run_of(self, client: MlflowClient, model: Model) -> str:
-        """The run of a model that is being made; what an earlier process began is gone on with."""
+    def _run_of(self, client: MlflowClient, model: Model, moment: int) -> str:
+        """The run of a model that is being made at a moment; what an earlier process began is gone on with."""
         if model.key not in self._live:
             from stages.tracking.publish import Study
 
-            tags = {"condition": model.condition, "seed": str(model.seed)}
             study = Study(client, self._store, model.study, self._destination.artifact_root)
-            run = study.open_to_train(model.key, model.label, tags).info.run_id
+            run = study.open_to_train(model, moment).info.run_id
             lock = FileLock(self._destination.folder / f"{run}{LIVE}")
             lock.acquire(timeout=0)
             client.update_run(run, status="RUNNING")
-            self._live[model.key] = (run, lock)
+            self._live[model.key] = (run, lock, moment)
             self.experiments[model.study] = study.experiment
         return self._live[model.key][0]
 

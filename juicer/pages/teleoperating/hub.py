@@ -163,7 +163,7 @@ class Hub:
         Raises:
             RefusedMessage: If another page has the controls.
         """
-        self._check_drives(client)
+        self._check_drives(client, "change the pace")
         if self._session:
             self._session.pace(order.time_scale, order.undo_s)
 
@@ -233,9 +233,9 @@ class Hub:
         else:
             await self._start(client, order, lambda: self._resumed(read_draft(found[0]), order))
 
-    def _check_drives(self, client: Client) -> None:
+    def _check_drives(self, client: Client, what: str = "begin something else") -> None:
         if self._session and self._driver not in (None, client):
-            raise RefusedMessage("another page has the controls; take them over before you begin something else")
+            raise RefusedMessage(f"another page has the controls; take them over before you {what}")
 
     def _resumed(self, left: LeftDraft, order: Resume) -> tuple[Work, KeyMap]:
         beginning = left.beginning
@@ -285,7 +285,7 @@ class Hub:
         Raises:
             RefusedMessage: If another page has the controls.
         """
-        self._check_drives(client)
+        self._check_drives(client, "end the episode")
         self.end()
 
     def end(self) -> None:
@@ -335,6 +335,8 @@ class Hub:
         if frame := self.frame:
             told |= {
                 **asdict(frame.snapshot.status),
+                # Who has just taken over is not in a frame yet.
+                "operator": self._session.operator if self._session else "",
                 "problem": " ".join(filter(None, (self._mouse_problem, frame.problem))),
             }
             if client.wants_numbers:

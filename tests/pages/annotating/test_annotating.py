@@ -134,7 +134,7 @@ def test_a_mark_that_somebody_else_made_meanwhile_is_shown_beside_ones_own(fill,
     assert label.step == 25
 
 
-def test_who_agrees_with_what_was_marked_meanwhile_is_asked_nothing_and_judges_nothing_again(
+def test_who_agrees_with_what_was_marked_meanwhile_is_asked_nothing_and_the_rest_of_it_leaves_the_queue(
     fill, served, browser, versions
 ):
     begin(browser, served, fill((0, 0, 0)).id)

@@ -169,10 +169,11 @@ def test_a_page_that_does_not_drive_is_told_that_its_orders_do_not_count(page, c
     page.begin()
     other = connect()
     other.until(lambda: other.status.get("going_on", False), silent=True)
-    for number, order in enumerate([{"kind": "end"}, {"kind": "pace", "time_scale": 0.5, "undo_s": 5}]):
+    orders = {"end the episode": {"kind": "end"}, "change the pace": {"kind": "pace", "time_scale": 0.5, "undo_s": 5}}
+    for number, (what, order) in enumerate(orders.items()):
         other.say(order)
         other.until(lambda number=number: len(other.refusals) > number, silent=True)
-        assert "another page has the controls; take them over" in other.refusals[number]
+        assert f"another page has the controls; take them over before you {what}" in other.refusals[number]
     assert page.status["going_on"]
 
 

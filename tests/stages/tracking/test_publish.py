@@ -438,6 +438,13 @@ def test_a_model_that_was_trained_anew_leaves_the_earlier_one_its_run_and_its_ve
         checkpoint_of(store, other): runs["BC, seed 0"].info.run_id,
     }
     assert counts(client, "BC, seed 0") == 49
+    # Another data folder, or the former labels again: what is shown is found.
+    for model in (first, again, first):
+        show(destination, store, [model])
+    assert {name: run.info.run_id for name, run in runs_of(client).items()} == {
+        name: run.info.run_id for name, run in runs.items()
+    }
+    assert len(client.search_model_versions("name = 'study.bc'")) == 2
 
 
 @pytest.mark.parametrize("values", [(1.0, 0.75), (0.75, 1.0)])

@@ -73,6 +73,18 @@ def test_a_model_that_is_trained_anew_is_shown_in_a_run_of_its_own_from_the_firs
     assert again["BC, seed 0"].data.tags["juicer.checkpoint"] == again["BC, seed 1"].data.tags["juicer.checkpoint"]
 
 
+def test_a_model_that_is_trained_once_more_to_the_same_end_is_finished(destination, store, study):
+    model = study.model()
+    begun = model.model_copy(update={"evaluation": ""})
+    record(destination, store, model)
+    for _ in range(2):
+        assert record(destination, store, model, points=[(begun, 10)]) == (True, [])
+        assert record(destination, store, study.model(seed=1)) == (True, [])
+        _, runs = runs_of(destination)
+        assert {run.info.status for run in runs.values()} == {"FINISHED"}
+        assert "success_rate" in runs["BC, seed 0"].data.metrics
+
+
 def test_a_server_that_is_away_costs_a_sentence_and_a_later_run_catches_up(destination, store, study, tmp_path, data):
     model = study.model()
     (tmp_path / "file").touch()

@@ -164,7 +164,7 @@ function send(marks) {
   };
   const sent = server.tell("/marks", body).then(({ status, content }) => {
     queue.update(content.marks);
-    // Who has marked this has marked more: what others did meanwhile is not to be judged once more.
+    // Who has marked this has marked more, which is to leave the queue.
     if (status === 409) refresh();
     return answered(marks, status === 409 ? comeOf : () => "done");
   }, (error) => {

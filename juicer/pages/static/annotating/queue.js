@@ -11,11 +11,11 @@ export class Queue {
     })));
   }
 
-  /** Take over what the server says stands. */
+  /** Take over what the server says stands; answers may come in another order than what they tell of. */
   update(marks) {
     for (const mark of marks) {
       const entry = this.entries.find((each) => each.episode.id === mark.episode && each.state === mark.critical_state);
-      if (entry) Object.assign(entry, { newest: mark.newest, opinions: mark.opinions, agreed: mark.agreed, disputed: mark.disputed });
+      if (entry && mark.newest >= entry.newest) Object.assign(entry, { newest: mark.newest, opinions: mark.opinions, agreed: mark.agreed, disputed: mark.disputed });
     }
   }
 
