@@ -54,7 +54,7 @@ $(INSTALLED): pyproject.toml constraints.txt scripts/setup.sh
 # Without the extra s3, whose libraries come with dev: given boto3 by name, pip searches for minutes for one that s3fs allows.
 lock: setup ## Install the newest versions that pyproject.toml allows, and write them to constraints.txt
 	$(RUN)/pip install --quiet --upgrade --upgrade-strategy eager \
-		$(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) --editable '.[dev,postgres]'
+		$(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX)) --editable '.[dev,postgres,spacemouse]'
 	scripts/write_constraints.sh
 
 # Without OpenGL everything works but what looks at images or shows them. Its absence is told here; what needs it stops.

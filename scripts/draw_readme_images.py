@@ -18,7 +18,7 @@ from PIL import Image
 
 from juicer import api
 from juicer.episode import Episode
-from juicer.imaging.renderer import film_look
+from juicer.imaging.renderer import look_for_people
 from juicer.imaging.visual_model import visual_spec
 from juicer.tasks.registry import get_task
 
@@ -69,7 +69,7 @@ def draw(task: str, states: Iterable[np.ndarray], width: int, height: int, dista
         height: Of an image [pixels].
         distance: From the camera to the middle of the fence [m].
     """
-    spec = visual_spec(get_task(task), film_look())
+    spec = visual_spec(get_task(task), look_for_people())
     spec.visual.quality.shadowsize = 4096
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 2 * width, 2 * height
     model = spec.compile()

@@ -28,14 +28,17 @@ find_python() {
             return
         fi
     done
-    fail "Python 3.11 or newer is missing; on Debian or Ubuntu: apt-get install python3 python3-venv."
+    fail "Python 3.11 or newer is missing; on Debian 12, Ubuntu 24.04 or later: apt-get install python3 python3-venv; \
+elsewhere name one with PYTHON=."
 }
 
-if [ ! -x "$VENV/bin/python" ]; then
+# One that was interrupted while it was made may have Python and lack pip.
+if ! "$VENV/bin/python" -m pip --version >/dev/null 2>&1; then
     python=$(find_python)
+    was_there=$([ -e "$VENV" ] && echo yes || true)
     echo "juicer set-up: creating $VENV with $("$python" --version)"
     if ! "$python" -m venv "$VENV"; then
-        rm -rf "$VENV"
+        [ -n "$was_there" ] || rm -rf "$VENV"
         fail "$python cannot create a virtual environment; on Debian or Ubuntu: apt-get install python3-venv."
     fi
 fi

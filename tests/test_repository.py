@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib.metadata
+import os
 import re
 import subprocess
 import sys
@@ -24,7 +25,7 @@ GITHUB = ROOT / ".github"
 OWN = {"juicer", "stages", "flows", "benchmarks", "tests", "_typeshed"}
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 # MoviePy, of the extra "video", wants an older Pillow than the tested one.
-LOCKED_EXTRAS = ("dev", "s3", "postgres")
+LOCKED_EXTRAS = ("dev", "s3", "postgres", "spacemouse")
 
 
 def requirements(*extras: str) -> list[Requirement]:
@@ -46,6 +47,36 @@ def imported_modules(path: Path) -> Iterator[str]:
             yield from (alias.name.split(".")[0] for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
             yield node.module.split(".")[0]
+
+
+@pytest.mark.parametrize("was_there", [True, False])
+def test_set_up_removes_no_folder_that_it_has_not_made(tmp_path: Path, was_there: bool):
+    python, folder = tmp_path / "python", tmp_path / "environment"
+    # New enough, and without what makes environments, which leaves half of one.
+    python.write_text(f'#!/bin/sh\ncase "$*" in *version*) exit 0;; esac\nmkdir -p "{folder}"\nexit 1\n')
+    python.chmod(0o755)
+    if was_there:
+        folder.mkdir()
+        (folder / "work").write_text("of somebody")
+    done = subprocess.run(
+        ["bash", ROOT / "scripts" / "setup.sh"],
+        env={"PATH": os.environ["PATH"], "VENV": str(folder), "PYTHON": str(python)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert "cannot create a virtual environment" in done.stderr
+    assert [path.name for path in tmp_path.glob("environment/*")] == ["work"] * was_there
+    assert folder.exists() is was_there
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.glob("scripts/*.py")), ids=lambda path: path.stem)
+def test_every_script_can_be_started(path: Path):
+    """As far as what it imports, which neither mypy nor another test looks at."""
+    code = f"import runpy; runpy.run_path({str(path)!r})"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize(

@@ -50,12 +50,19 @@ class PreviewedCall:
     ends: float
 
 
-def preview(store: ArtifactStore, configs: Sequence[RunConfig]) -> list[list[PreviewedCall]]:
+def preview(
+    store: ArtifactStore, configs: Sequence[RunConfig], planned: Sequence[PlannedCall] | None = None
+) -> list[list[PreviewedCall]]:
     """Every call of one run after the other, once; nothing is computed or written.
 
     A selection that is not made yet is assumed to keep something, so retraining is among the calls.
+
+    Args:
+        store: Where the artifacts are.
+        configs: The runs.
+        planned: Their calls, if they are planned already.
     """
-    planned = plan(store, *configs)
+    planned = planned or plan(store, *configs)
     explaining = explainer(store, planned)
     runs = []
     for config in configs:

@@ -26,13 +26,14 @@ from flows.servers.watch import PATIENCE_SECONDS, ServerWatch, is_reachable
 from flows.terminal.headline import duration
 from flows.terminal.output import say, say_json, say_table
 from juicer.artifacts.ref import ArtifactRef
-from juicer.errors import ServiceUnavailable
+from juicer.errors import JuicerError, ServiceUnavailable
 from juicer.pages.addresses import lineage_of
 from stages.runtime.isolation import warm_up
 
 if TYPE_CHECKING:
     from flows.config import RunConfig
     from flows.running.execution import RunOutcome
+    from flows.running.plan import PlannedCall
     from juicer.artifacts.store import ArtifactStore
 
 
@@ -65,15 +66,18 @@ def preview_flow(choice: Choice, as_json: bool) -> None:
     """``juicer run --dry-run``; starts no server, computes nothing and writes nothing."""
     settings = read_settings()
     from flows.command.preview import preview, total_seconds
+    from flows.running.plan import plan
 
-    store = open_store(settings)
-    runs = preview(store, choice.runs())
+    store, configs = open_store(settings), choice.runs()
+    planned = plan(store, *configs)
+    runs = preview(store, configs, planned)
     calls = [call for each in runs for call in each]
     to_come = [call for call in calls if not call.is_reused]
     seconds, unknown = total_seconds(runs, settings.workers), sum(call.seconds is None for call in to_come)
     if as_json:
         totals = {"reused": len(calls) - len(to_come), "computed": len(to_come), "seconds": seconds, "unknown": unknown}
-        say_json({"calls": [asdict(call) | {"ref": call.ref and str(call.ref)} for call in calls], **totals})
+        told = [asdict(call) | {"ref": call.ref and str(call.ref)} for call in calls]
+        say_json({"calls": told, **totals, "lacks": _lack_of(settings, planned)})
         return
     rows = [
         [
@@ -95,6 +99,22 @@ def preview_flow(choice: Choice, as_json: bool) -> None:
     say(forecast)
     if any(call.stage == "select" for call in to_come):
         say("a selection that keeps nothing ends its round; here each is assumed to keep something")
+    if lack := _lack_of(settings, planned):
+        say(f"the run would be refused: {lack}")
+
+
+def _lack_of(settings: Settings, planned: Sequence[PlannedCall]) -> str:
+    """What a run lacks to begin, as a sentence; empty if nothing. Machines of a cluster are not looked at."""
+    from flows.running.plan import require_drawing, require_weights
+
+    if settings.cluster:
+        return ""
+    try:
+        require_weights(planned, settings.machine.weights)
+        require_drawing(planned)
+    except JuicerError as error:
+        return str(error)
+    return ""
 
 
 def _reuse_everything(settings: Settings, config: RunConfig) -> RunOutcome | None:

@@ -191,5 +191,14 @@ def test_the_command_starts_nothing_and_writes_nothing(tmp_path, monkeypatch, ca
     table, _, content = out.partition("\n{")
     assert "0 reused, 15 to be computed: none like them ever ran, so nobody knows how long they take" in table
     found = json.loads("{" + content)
-    assert (found["reused"], found["computed"], found["unknown"]) == (0, 15, 15)
+    assert (found["reused"], found["computed"], found["unknown"], found["lacks"]) == (0, 15, 15, "")
+    assert "refused" not in table
     assert [each["stage"] for each in found["calls"]][:4] == ["record", "ingest", "dataset", "train"]
+
+
+def test_what_a_run_would_be_refused_for_is_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("JUICER_DATA", str(tmp_path / "data"))
+    monkeypatch.setenv("JUICER_WEIGHTS", str(tmp_path / "none"))
+    assert call(["run", "paper_image", "--dry-run"]) == 0
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("the run would be refused: "))
+    assert "resnet18-f37072fd.pth' are not on this machine" in line
