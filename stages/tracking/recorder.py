@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING
@@ -55,6 +55,7 @@ class Recorder:
         self._warn = warn
         self._pages = pages
         self._said: set[str] = set()
+        self._shown: dict[str, tuple[object, ...]] = {}
         self._points: SimpleQueue[tuple[Model, dict[str, float], int, float]] = SimpleQueue()
         self._live: dict[str, tuple[str, FileLock, int]] = {}
         self._is_due, self._finish = True, threading.Event()
@@ -125,12 +126,16 @@ class Recorder:
         with self._destination.lock:
             _bury(client, folder)
             self._is_due = False
+            pages, models = self._pages(), noted(folder)
+            states = _states(models, pages)
+            # Of all studies that were ever recorded, those of which there is something new.
+            new = [model for model in models if self._shown.get(model.study) != states[model.study]]
             try:
-                models = noted(folder)
-                published = publish(client, self._store, models, self._destination.artifact_root, self._pages())
+                published = publish(client, self._store, new, self._destination.artifact_root, pages)
             except Exception:
                 self._is_due = True
                 raise
+            self._shown = states
         self.experiments |= published.experiments
         for problem in published.problems:
             self._say(problem)
@@ -177,6 +182,14 @@ class Recorder:
         if sentence not in self._said:
             self._said.add(sentence)
             self._warn(sentence)
+
+
+def _states(models: Iterable[Model], pages: str) -> dict[str, tuple[object, ...]]:
+    """By study, what tells whether it was shown already as it is noted now."""
+    studies: dict[str, list[object]] = {}
+    for model in models:
+        studies.setdefault(model.study, [pages]).append((model.key, model.noted))
+    return {study: tuple(state) for study, state in studies.items()}
 
 
 def _bury(client: MlflowClient, folder: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from stages.tracking import publish as publishing
 from stages.tracking.destination import Destination
 from stages.tracking.model import Model
 from stages.tracking.recorder import Recorder
@@ -83,6 +84,27 @@ def test_a_model_that_is_trained_once_more_to_the_same_end_is_finished(destinati
         _, runs = runs_of(destination)
         assert {run.info.status for run in runs.values()} == {"FINISHED"}
         assert "success_rate" in runs["BC, seed 0"].data.metrics
+
+
+def test_of_studies_that_are_shown_only_those_with_something_new_are_looked_at_again(
+    destination, store, study, monkeypatch
+):
+    looked_at = []
+    publish = publishing.publish
+    monkeypatch.setattr(
+        publishing, "publish", lambda *about: looked_at.append({model.study for model in about[2]}) or publish(*about)
+    )
+    record(destination, store, study.model())
+    study.name = "other"
+    other = study.model(seed=1)
+    recorder = Recorder(destination, store, print)
+    client = destination.connect()
+    looked_at.clear()
+    recorder._publish(client)
+    recorder._publish(client)
+    recorder.note(other)
+    recorder._publish(client)
+    assert looked_at == [{"study"}, set(), {"other"}]
 
 
 def test_a_server_that_is_away_costs_a_sentence_and_a_later_run_catches_up(destination, store, study, tmp_path, data):
