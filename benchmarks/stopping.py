@@ -24,7 +24,7 @@ from juicer.episode import Outcome
 from juicer.evaluation import anytime_interval, anytime_p_value, mcnemar_p_value, wilson_interval
 from juicer.seeding import stream
 from juicer.storage.evaluations import read_evaluation
-from juicer.study.statistics import LEVEL
+from juicer.study.statistics import LEVEL, state_p_value
 
 ROW = "{:28} {:>5} {:>8} {:>9} {:>7} {:>7} {:>7}"
 EVERY = (5, 10, 25)
@@ -102,14 +102,13 @@ def draw(rng: np.random.Generator, episodes: int, models: int) -> Numbers:
 def stopped_after(first_only: Ends, second_only: Ends, every: int) -> int:
     """Episodes of each model after which the comparison is decided; more than there are if it never is."""
     episodes = first_only.shape[1]
-    counts = [np.cumsum(np.sum(each, axis=0)) for each in (first_only, second_only)]
+    states = (second_only.astype(int) - first_only).sum(axis=0).tolist()
     for look in [*range(every, episodes, every), episodes]:
-        if _p_value(int(counts[0][look - 1]), int(counts[1][look - 1])) <= LEVEL:
+        if state_p_value(states[:look], anytime=True) <= LEVEL:
             return look
     return episodes + 1
 
 
-_p_value = cache(anytime_p_value)
 _interval = cache(anytime_interval)
 
 

@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from itertools import combinations
+from collections import Counter
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, zip_longest
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
 from juicer.errors import ConfigError
-from juicer.evaluation import ConditionResult, Interval, PairedComparison, compare, student_interval
+from juicer.evaluation import (
+    ConditionResult,
+    Interval,
+    PairedComparison,
+    compare,
+    student_interval,
+)
 from juicer.seeding import stream
 
 LEVEL = 0.05
 """Below which a p-value is called a difference."""
 DRAWS = 10_000
+BETS = 1000
 
 
 @dataclass(frozen=True)
@@ -27,14 +34,16 @@ class Difference:
     Attributes:
         first: One of them.
         second: The other.
-        test: McNemar's test on their episodes.
-        interval: 95 % interval of the second's average minus the first's, over models and episodes.
+        test: Their episodes, pair by pair, and the p-value of :func:`state_p_value`.
+        num_models: Pairs of models.
+        interval: 95 % interval of the second's average minus the first's, over models, initial states and episodes.
         p_adjusted: The test's p-value, adjusted for the number of tests made together (Holm).
     """
 
     first: ConditionResult
     second: ConditionResult
     test: PairedComparison
+    num_models: int
     interval: Interval
     p_adjusted: float
 
@@ -50,12 +59,14 @@ class Difference:
         Of one model each nothing is clear: how far trainings of a recipe differ, two of them at least must tell.
         """
         low, high = self.interval
-        return self.num_shared_seeds > 1 and self.is_significant and not low <= 0 <= high
+        return self.num_models > 1 and self.is_significant and not low <= 0 <= high
 
     @property
-    def num_shared_seeds(self) -> int:
-        """Seeds of which both have a model."""
-        return len({model.seed for model in self.first.models} & {model.seed for model in self.second.models})
+    def test_name(self) -> str:
+        """Which test it is; of one model each, flipping the signs of initial states is McNemar's."""
+        if self.num_models == 1:
+            return self.test.test
+        return f"{'an anytime-valid' if self.test.anytime else 'the exact'} sign-flip test over initial states"
 
     def __str__(self) -> str:
         """E.g. ``+12 points (4 to 20), p = 0.003``."""
@@ -63,29 +74,44 @@ class Difference:
         return f"{points(self.test.difference)} points ({points(low)} to {points(high)}), p {p_text(self.p_adjusted)}"
 
 
-def differences(results: Sequence[ConditionResult]) -> list[Difference]:
-    """Every pair of conditions, the earlier one first."""
-    return _tested(combinations(results, 2))
+def differences(results: Sequence[ConditionResult], untrained: Collection[str] = ()) -> list[Difference]:
+    """Every pair of conditions, the earlier one first.
+
+    Args:
+        results: The conditions.
+        untrained: Names of those that no training seed changes: theirs is paired with every model of the others.
+    """
+    return _tested(combinations(results, 2), untrained)
 
 
-def against(first: ConditionResult, others: Sequence[ConditionResult]) -> list[Difference]:
+def against(
+    first: ConditionResult, others: Sequence[ConditionResult], untrained: Collection[str] = ()
+) -> list[Difference]:
     """One condition with each of some others, which come second."""
-    return _tested((first, other) for other in others)
+    return _tested(((first, other) for other in others), untrained)
 
 
-def _tested(pairs: Iterable[tuple[ConditionResult, ConditionResult]]) -> list[Difference]:
+def _tested(pairs: Iterable[tuple[ConditionResult, ConditionResult]], untrained: Collection[str]) -> list[Difference]:
     """Those that can be paired, with p-values adjusted for their number."""
-    tests = []
+    found = []
     for first, second in pairs:
+        one, other = _of_every_seed(first, second, untrained), _of_every_seed(second, first, untrained)
         try:
-            tests.append((first, second, compare(first, second)))
+            test = compare(one, other)
         except ConfigError:
             continue  # other seeds or other initial states: there is nothing to pair
-    adjusted = holm([test.p_value for _, _, test in tests])
-    return [
-        Difference(first, second, test, difference_interval(first, second), p_value)
-        for (first, second, test), p_value in zip(tests, adjusted, strict=True)
-    ]
+        signs = _signs(one, other)
+        test = replace(test, p_value=state_p_value(_of_states(signs), anytime=test.anytime))
+        found.append(Difference(first, second, test, len(signs), difference_interval(one, other), test.p_value))
+    adjusted = holm([each.test.p_value for each in found])
+    return [replace(each, p_adjusted=p_value) for each, p_value in zip(found, adjusted, strict=True)]
+
+
+def _of_every_seed(result: ConditionResult, other: ConditionResult, untrained: Collection[str]) -> ConditionResult:
+    if result.condition not in untrained or other.condition in untrained:
+        return result
+    only = result.models[0]
+    return replace(result, models=tuple(replace(only, seed=model.seed) for model in other.models))
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -97,21 +123,54 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return [float(each) for each in adjusted]
 
 
+def state_p_value(differences: Sequence[int], *, anytime: bool = False) -> float:
+    """Exact two-sided p-value of the hypothesis that both of two conditions succeed equally often from every state.
+
+    All models of both start from the same initial states, some of which suit one condition whatever its training seed.
+    Episodes are therefore not independent, but states are: were the two alike, each state's difference would be as
+    likely with the other sign. The p-value is the share of all ways to set the signs whose sum is at least as far
+    from zero. With one model each it is McNemar's exact test.
+
+    Args:
+        differences: Of each initial state, in how many pairs of models only the second succeeded, minus in how many
+            only the first did.
+        anytime: Whether it has to hold however often one looks; see :func:`_anytime_p_value`.
+    """
+    if anytime:
+        return _anytime_p_value(differences)
+    chances = np.ones(1)
+    for size in map(abs, differences):
+        # Both signs of one more state, of sums from -n to n.
+        chances = (np.pad(chances, (0, 2 * size)) + np.pad(chances, (2 * size, 0))) / 2
+    sums = np.arange(len(chances)) - len(chances) // 2
+    return float(min(1.0, chances[abs(sums) >= abs(sum(differences))].sum()))
+
+
+def _anytime_p_value(differences: Sequence[int]) -> float:
+    """The same however often one looks; of one model each it is :func:`~juicer.evaluation.anytime_p_value`.
+
+    One over a test martingale: what a fortune of one has grown to, if it was spread evenly over the probability that a
+    state where one model more succeeds has the sign of the better condition, and was put on each state's sign at the
+    odds of a fair coin. A state whose difference is n counts as n such states that agree.
+    """
+    chance = (np.arange(BETS) + 0.5) / BETS
+    log_odds = np.log(chance / (1 - chance))
+    grown = np.zeros(BETS)
+    for each, number in Counter(differences).items():
+        grown += number * (math.log(2) - np.logaddexp(0.0, -each * log_odds))
+    return min(1.0, float(np.exp(math.log(BETS) - np.logaddexp.reduce(grown))))
+
+
 def difference_interval(first: ConditionResult, second: ConditionResult, level: float = 0.95) -> Interval:
     """Interval of the second's average minus the first's, over the seeds that both have and the episodes of each.
 
     A bootstrap that draws pairs of models, then pairs of episodes of each. It covers Student's interval of the pairs'
-    differences as well, which of a few models is the only one that is wide enough, and an interval of the pooled pairs
-    of episodes that has a width also where all of them ended alike (Agresti and Min 2005), and that holds although
-    evaluations ended when something was settled, if they did. Where one of a pair was
+    differences as well, which of a few models is the only one that is wide enough, and an interval of the differences
+    of initial states, from which all models started. That one has a width also where all ended alike (Agresti and Min
+    2005), and holds although evaluations ended when something was settled, if they did. Where one of a pair was
     evaluated longer, its further episodes are not compared, as in :func:`~juicer.evaluation.compare`.
     """
-    seconds = {model.seed: model.successes for model in second.models}
-    signs = [
-        [later - earlier for earlier, later in zip(model.successes, seconds[model.seed], strict=False)]
-        for model in first.models
-        if model.seed in seconds
-    ]
+    signs = _signs(first, second)
     counts = np.array([[each.count(sign) for sign in (1, -1, 0)] for each in signs])
     sizes = counts.sum(axis=1)
     rng = stream(0, "difference interval")
@@ -121,24 +180,40 @@ def difference_interval(first: ConditionResult, second: ConditionResult, level: 
     low, high = np.quantile(averages, [0.5 - level / 2, 0.5 + level / 2])
     intervals = [
         (float(low), float(high)),
-        _pooled_interval(counts.sum(axis=0), level, anytime=first.anytime or second.anytime),
+        _interval_of_states(signs, level, anytime=first.anytime or second.anytime),
     ]
     if len(counts) > 1:
         intervals.append(student_interval(((counts[:, 0] - counts[:, 1]) / sizes).tolist(), level))
     return max(-1.0, min(each[0] for each in intervals)), min(1.0, max(each[1] for each in intervals))
 
 
-def _pooled_interval(counts: NDArray[np.int64], level: float, *, anytime: bool) -> Interval:
-    """Wald's interval of a difference of paired rates, with half an episode more of every outcome.
+def _signs(first: ConditionResult, second: ConditionResult) -> list[list[int]]:
+    """For each pair of models, of each initial state, 1 if only the second succeeded, -1 if only the first did."""
+    seconds = {model.seed: model.successes for model in second.models}
+    return [
+        [later - earlier for earlier, later in zip(model.successes, seconds[model.seed], strict=False)]
+        for model in first.models
+        if model.seed in seconds
+    ]
+
+
+def _of_states(signs: Sequence[Sequence[int]]) -> list[int]:
+    """Sum of each initial state, over the pairs of models that came so far."""
+    return [sum(state) for state in zip_longest(*signs, fillvalue=0)]
+
+
+def _interval_of_states(signs: Sequence[Sequence[int]], level: float, *, anytime: bool) -> Interval:
+    """Wald's interval of the mean of the states' differences, with half a state more of every outcome.
 
     If it has to hold however often one looks, it is as many standard errors wide as an asymptotic confidence sequence
-    (Waudby-Smith, Arbour, Sinha, Kennedy and Ramdas 2024), one that is tightest after a hundred pairs.
+    (Waudby-Smith, Arbour, Sinha, Kennedy and Ramdas 2024), one that is tightest after a hundred states.
     """
-    gained, lost, equal = counts.tolist()
-    number = gained + lost + equal + 2
-    middle = (gained - lost) / number
+    reached = (np.arange(max(map(len, signs)))[:, None] < [len(each) for each in signs]).sum(axis=1)
+    means = np.array(_of_states(signs)) / reached
+    number = len(means) + 2
+    middle = float(means.sum()) / number
     errors = _standard_errors_at_any_time(number, level) if anytime else NormalDist().inv_cdf(0.5 + level / 2)
-    half = errors * math.sqrt(((gained + lost + 1) / number - middle**2) / number)
+    half = errors * math.sqrt(((float((means**2).sum()) + 1) / number - middle**2) / number)
     return middle - half, middle + half
 
 
@@ -168,7 +243,8 @@ def models_differ(result: ConditionResult) -> float:
 
 def points(rate: float) -> str:
     """A difference of rates in points of a hundred, with its sign."""
-    return f"{100 * rate:+.0f}"
+    told = f"{100 * rate:+.0f}"
+    return told if float(told) else "0"
 
 
 def p_text(p_value: float) -> str:

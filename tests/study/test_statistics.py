@@ -9,9 +9,19 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from juicer.evaluation import ConditionResult, ModelResult, summarise
+from juicer.evaluation import ConditionResult, ModelResult, anytime_p_value, mcnemar_p_value, summarise
 from juicer.seeding import stream
-from juicer.study.statistics import against, difference_interval, differences, holm, models_differ
+from juicer.study.statistics import (
+    against,
+    difference_interval,
+    differences,
+    holm,
+    models_differ,
+    points,
+    state_p_value,
+)
+
+SIGNS = list(itertools.product((1, -1), repeat=5))
 
 
 def test_holm_adjusts_as_in_its_definition():
@@ -35,6 +45,54 @@ def test_every_pair_is_tested_once_and_the_second_is_measured_against_the_first(
     assert [each.test.difference for each in found] == pytest.approx([0.4, 0.1, -0.3])
     assert [each.is_significant for each in found] == [True, False, True]
     assert all(low <= each.test.difference <= high for each in found for low, high in [each.interval])
+
+
+@pytest.mark.parametrize(("lost", "gained"), [(0, 0), (0, 1), (3, 9), (20, 5), (0, 60)])
+def test_of_one_model_each_the_test_of_states_is_mcnemars(lost, gained):
+    states = [-1] * lost + [0] * 7 + [1] * gained
+    assert state_p_value(states) == pytest.approx(mcnemar_p_value(lost, gained), abs=1e-12)
+    assert state_p_value(states, anytime=True) == pytest.approx(anytime_p_value(lost, gained), rel=1e-2)
+
+
+def test_signs_of_states_are_flipped_in_all_ways():
+    states = [3, -1, 2, 0, 1]
+    sums = [sum(sign * each for sign, each in zip(signs, states, strict=True)) for signs in SIGNS]
+    assert state_p_value(states) == pytest.approx(np.mean([abs(each) >= sum(states) for each in sums]))
+
+
+@pytest.mark.parametrize("anytime", [False, True])
+def test_states_that_suit_one_condition_are_no_evidence_five_times(anytime):
+    """Equal recipes, each of which does well from states of its own: its five models fail from the same states."""
+    wrong = {"states": 0, "episodes": 0}
+    for number in range(200):
+        rng = stream(number, "states")
+        pair = [
+            ConditionResult(name, name, five_models(rng, rng.choice([0.35, 0.95], size=100)), (0.0, 1.0), anytime)
+            for name in "ab"
+        ]
+        (found,) = differences(pair)
+        wrong["states"] += found.is_significant
+        p_of_episodes = (anytime_p_value if anytime else mcnemar_p_value)(found.test.first_only, found.test.second_only)
+        wrong["episodes"] += p_of_episodes < 0.05
+    assert wrong["states"] <= 17  # nineteen of twenty, and two standard deviations
+    assert anytime or wrong["episodes"] > 30
+
+
+def five_models(rng, chances):
+    return tuple(ModelResult(seed, tuple(range(100)), tuple((rng.random(100) < chances).tolist())) for seed in range(5))
+
+
+def test_what_no_training_changes_is_paired_with_every_model(result):
+    replay, bc = result("replay", 0.5), result("bc", 0.8, 0.85, 0.9)
+    (alone,), (found,) = differences([replay, bc]), differences([replay, bc], untrained={"replay"})
+    assert (alone.num_models, alone.test.num_pairs, alone.is_clear) == (1, 100, False)
+    assert (found.num_models, found.test.num_pairs, found.is_clear) == (3, 300, True)
+    assert found.first is replay
+    assert found.test.difference == pytest.approx(bc.average - replay.average)
+
+
+def test_no_difference_has_no_sign():
+    assert [points(each) for each in (0.0, -0.004, 0.004, -0.02, 0.3)] == ["0", "0", "0", "-2", "+30"]
 
 
 def test_fewer_tests_are_adjusted_less(result):
