@@ -93,7 +93,7 @@ def open_conditions(study: TaskStudy, stop: StopConfig) -> dict[str, str]:
         stop: What is to be known.
     """
     groups = (results for _, results in study.tested_together) if stop.comparison else ()
-    tests = [test for results in groups for test in differences(results)]
+    tests = [test for results in groups for test in differences(results, study.untrained)]
     compared = {name for test in tests for name in _names(test)}
     undecided = {name for test in tests if not test.is_significant for name in _names(test)}
     found = {}

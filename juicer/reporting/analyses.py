@@ -12,6 +12,7 @@ from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.config import StrictConfig
 from juicer.reporting.content import ShownAnalysis
+from juicer.reporting.lineage import cpu_seconds_of
 from juicer.storage.analyses import DIMENSIONS, read_modes, read_monitor, read_samples
 
 
@@ -68,7 +69,8 @@ def shown_analysis(store: ArtifactStore, ref: ArtifactRef, label: str) -> ShownA
         shown = drawn(store, manifest, label)
         if manifest.finding:
             shown = replace(shown, sentence=f"{shown.sentence} Note: {manifest.finding}.")
-    return replace(shown, seconds=sum(each.seconds for each in made))
+    wall, cpu = sum(each.seconds for each in made), sum(map(cpu_seconds_of, made))
+    return replace(shown, seconds=wall, cpu_seconds=cpu)
 
 
 def _sampling(store: ArtifactStore, manifest: Manifest, label: str) -> ShownAnalysis:

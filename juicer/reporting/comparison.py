@@ -102,18 +102,25 @@ def robustness_table(results: Sequence[ConditionResult]) -> tuple[list[str], lis
     if not names:
         return [], []
     rows = [
-        [row.title, _told(row), *(_told(row.shifted[name]) if name in row.shifted else "-" for name in names)]
+        [row.title, _told(row, row), *(_told(row.shifted[name], row) if name in row.shifted else "-" for name in names)]
         for row in results
         if row.shifted
     ]
     return ["condition", "no shift", *names], rows
 
 
-def _told(result: ConditionResult | None) -> str:
+def _told(result: ConditionResult | None, usual: ConditionResult) -> str:
     if result is None:
         return "sees no images"
     low, high = result.interval
-    return f"{result.average:.0%} ({100 * low:.0f} to {high:.0%})"
+    told = f"{result.average:.0%} ({100 * low:.0f} to {high:.0%})"
+    number, of_all = result.num_models, usual.num_models
+    return told if number == of_all else f"{told}, {number} of {of_all} models"
+
+
+def best_of(result: ConditionResult) -> str:
+    """Rate of the best model, if there are several."""
+    return f"{result.best:.0%}" if result.num_models > 1 else "-"
 
 
 def markdown_table(results: Sequence[ConditionResult]) -> str:
@@ -131,7 +138,7 @@ def _markdown(results: Sequence[ConditionResult]) -> str:
     ]
     lines += [
         f"| {row.title} | {row.average:.0%} | {row.interval[0]:.0%} to {row.interval[1]:.0%} "
-        f"| {row.best:.0%} | {row.num_models} | {row.num_episodes} |"
+        f"| {best_of(row)} | {row.num_models} | {row.num_episodes} |"
         for row in results
     ]
     columns, rows = robustness_table(results)

@@ -89,6 +89,7 @@ class ShownAnalysis:
         rows: The table.
         png: The figure; empty if there is none.
         seconds: Wall time that it took, in this run or in an earlier one.
+        cpu_seconds: CPU time of the same.
         apart: How far samples are from those drawn in the most steps, by the steps in which they were drawn [standard
             deviations]; as ``chance`` a second set in the most steps. Empty of other analyses.
     """
@@ -99,6 +100,7 @@ class ShownAnalysis:
     rows: tuple[tuple[str, ...], ...] = ()
     png: bytes = b""
     seconds: float = 0.0
+    cpu_seconds: float = 0.0
     apart: Mapping[str, float] = field(default_factory=dict)
 
 

@@ -50,6 +50,11 @@ def checkpoint_of(evaluation: Manifest) -> ArtifactRef | None:
     return next(iter(evaluation.recipe.inputs.get("checkpoint", ())), None)
 
 
+def cpu_seconds_of(manifest: Manifest) -> float:
+    """CPU time of making an artifact, or where it was not measured, wall time."""
+    return manifest.seconds if manifest.cpu_seconds is None else manifest.cpu_seconds
+
+
 def _read(store: ArtifactStore, ref: ArtifactRef) -> Manifest | None:
     try:
         return store.manifest(ref)

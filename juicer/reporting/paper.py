@@ -107,8 +107,10 @@ PAPER_CURVES: Mapping[str, Mapping[str, Mapping[float, float]]] = {
         "own_rollouts": {50: 0.528, 100: 0.71, 200: 0.703, 300: 0.767, 500: 0.775, 1000: 0.74},
     },
 }
-"""Average success rates by task and name of the curve (paper, Figure 3, from its released table).
+"""Average success rates by task and name of the curve (paper, Figure 3, from its released table)."""
 
-Its axis says demonstrations. Up to 40 they are; 50 are 25 demonstrations and 25 rollouts, and from 100 on it is 50
-demonstrations and the rest rollouts of policies. 300 rests on two models, the others on five or six.
-"""
+PAPER_CURVES_ARE = (
+    "Up to 40 these are demonstrations; 50 are 25 demonstrations and 25 rollouts, and from 100 on it is 50 "
+    "demonstrations and the rest rollouts of policies. 300 rests on two models, the others on five or six."
+)
+"""What the paper's axis, which says demonstrations, counts."""

@@ -206,7 +206,9 @@ def origins_of(several: Sequence[Sources]) -> dict[str, str]:
     """With which code and on which machines models of some studies were trained and evaluated, each counted once."""
     evaluated = {manifest.ref: manifest for sources in several for manifest in sources._evaluations}
     trained = {manifest.ref: manifest for sources in several for manifest in sources._of_stage("train")}
-    facts = {"juicer": _counted(str(manifest.host.get("juicer", UNKNOWN)) for manifest in evaluated.values())}
+    days = sorted({manifest.finished[:10] for manifest in (*trained.values(), *evaluated.values())})
+    facts = {"computed": " to ".join(dict.fromkeys((days[0], days[-1])))} if days else {}
+    facts |= {"juicer": _counted(str(manifest.host.get("juicer", UNKNOWN)) for manifest in evaluated.values())}
     for name, manifests in (("Trained", trained.values()), ("Evaluated", evaluated.values())):
         if manifests:
             facts[f"{name} at commit"] = _counted(manifest.host.get("commit", UNKNOWN) for manifest in manifests)

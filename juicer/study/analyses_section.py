@@ -13,13 +13,13 @@ def analyses_section(studies: Sequence[TaskStudy]) -> Section | None:
     found = [(study.task, row, shown) for study in studies for row, shown in study.analyses]
     if not found:
         return None
-    hours = sum(shown.seconds for _, _, shown in found) / 3600
+    hours = sum(shown.cpu_seconds for _, _, shown in found) / 3600
     return Section(
         "analyses",
         "Analyses",
         "What policies predict, beside how often they succeed",
-        f"How each is made stands in docs/analyses.md. Together they took {hours:.1f} hours, one after another, which "
-        "is not part of the cost below.",
+        f"How each is made stands in docs/analyses.md. Together they took {hours:.1f} CPU-hours, which "
+        "are not part of the cost below.",
         tuple(
             Table(shown.columns, shown.rows, f"{task}, {shown.label}", "" if shown.png else shown.sentence)
             for task, _, shown in found

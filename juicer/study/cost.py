@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from juicer.artifacts.manifest import Manifest
+from juicer.reporting.lineage import cpu_seconds_of
 from juicer.reporting.section import Section, Table
 from juicer.study.material import TaskStudy
 
@@ -29,7 +30,7 @@ def cost_section(studies: Sequence[TaskStudy]) -> Section | None:
                 ("condition", "models", *_COST),
                 of_conditions,
                 "By condition",
-                "What several conditions have in common counts for each of them.",
+                "What several conditions have in common counts for each of them, evaluations under shifts do not.",
             ),
             Table(("stage", "artifacts", *_COST), (*_by_stage(everything), together), "By stage, each artifact once"),
         ),
@@ -38,7 +39,8 @@ def cost_section(studies: Sequence[TaskStudy]) -> Section | None:
 
 def _by_condition(study: TaskStudy) -> Iterator[tuple[str, ...]]:
     for each in study.measured.values():
-        behind = study.sources.behind([manifest.ref for manifest in each.evaluations])
+        usual = [manifest.ref for manifest in each.evaluations if not manifest.recipe.config.get("shift")]
+        behind = study.sources.behind(usual)
         yield f"{study.task}: {each.result.title}", str(each.result.num_models), *_cost(behind)
 
 
@@ -51,7 +53,7 @@ def _by_stage(manifests: Sequence[Manifest]) -> Iterator[tuple[str, ...]]:
 def _cost(manifests: Iterable[Manifest]) -> tuple[str, str, str]:
     cpu = wall = size = 0.0
     for each in manifests:
-        cpu += each.seconds if each.cpu_seconds is None else each.cpu_seconds
+        cpu += cpu_seconds_of(each)
         wall += each.seconds
         size += sum(entry.bytes for entry in each.files)
     return _hours(cpu), _hours(wall), f"{size / 1e6:.1f}"

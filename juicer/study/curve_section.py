@@ -8,12 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator, PercentFormatter
 
+from juicer.reporting.comparison import best_of
 from juicer.reporting.figures import PAGE, PRINT, Palette, new_figure, own_style, png_of, svg_of
-from juicer.reporting.paper import PAPER_CURVES
+from juicer.reporting.paper import PAPER_CURVES, PAPER_CURVES_ARE
 from juicer.reporting.section import Chart, Section, Table
 from juicer.study.curves import Curve, Saturation
 from juicer.study.material import TaskStudy
-from juicer.study.points import Points, can_be_drawn, curve_points, fit_of, rivals, rounded
+from juicer.study.points import FITTED, Points, can_be_drawn, curve_points, fit_of, rivals, rounded
 from juicer.study.success import interval_text, percent
 
 
@@ -33,7 +34,8 @@ def curve_section(studies: Sequence[TaskStudy]) -> Section | None:
         "curves",
         "Curves",
         "How success depends on one number",
-        "Averages over models with 95 % intervals. The paper's points were measured in another simulator, from images.",
+        "Averages over models with 95 % intervals. All models of a point learned from the same demonstrations. The "
+        f"paper's points were measured in another simulator, from images. {PAPER_CURVES_ARE}",
         tuple(tables),
         tuple(charts),
     )
@@ -47,7 +49,7 @@ def _table(study: TaskStudy, curve: Curve, found: Points, fit: Saturation | None
             result.title,
             percent(result.average),
             interval_text(result.interval),
-            percent(result.best),
+            best_of(result),
             str(result.num_models),
             percent(paper[x]) if x in paper else "-",
         )
@@ -70,6 +72,8 @@ def _sentences(study: TaskStudy, curve: Curve, found: Points, fit: Saturation | 
             f"twentieth of it at {rounded(fit.enough)} ({rounded(low)} to {rounded(high)})"
             + ("." if fit.is_seen else ", which lies beyond the points.")
         )
+        if any(result.num_models < FITTED for _, result in found):
+            yield f"Intervals and band are too narrow where fewer than {FITTED} models tell how far trainings differ."
 
 
 def _paper(study: TaskStudy, curve: Curve) -> Mapping[float, float]:

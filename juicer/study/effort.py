@@ -130,8 +130,10 @@ def _row(study: TaskStudy, measured: Measured) -> tuple[str, ...]:
     models = [_spent(study, made_of) for made_of in study.behind_models(measured)]
     minutes = [fmean(each[name] for each in models) for name in MINUTES_OF]
     together = sum(minutes)
-    a_minute = f"{100 * measured.result.average / together:.1f}" if together else "-"
-    return measured.result.title, *(f"{each:.1f}" for each in (*minutes, together)), a_minute
+    # What several tasks took is not to be set against the success at one of them.
+    is_for_one = len(study.tasks_behind(measured)) <= 1
+    a_minute = f"{100 * measured.result.average / together:.1f}" if together and is_for_one else "-"
+    return study.title_with_tasks(measured), *(f"{each:.1f}" for each in (*minutes, together)), a_minute
 
 
 def _spent(study: TaskStudy, made_of: Iterable[Manifest]) -> dict[str, float]:

@@ -24,9 +24,9 @@ def learned_section(studies: Sequence[TaskStudy]) -> Section | None:
         "Learned from",
         "What each policy learned from",
         f"As in the paper's Table V: {sources}, means over the models of a condition. Windows are the samples that "
-        "training cut out of them. Unused are steps at which none begins: the ends of episodes, and "
-        "episodes shorter than a window. A dataset's weights, e.g. synthetic_share, say how often each is seen; these "
-        "numbers are without them.",
+        "training cut out of them, but for episodes that it held out for validation. Unused are steps at which none "
+        "begins: the ends of episodes, and episodes shorter than a window. A dataset's weights, e.g. "
+        "synthetic_share, say how often each is seen; these numbers are without them.",
         tables,
     )
 
@@ -41,7 +41,7 @@ def _learned(study: TaskStudy) -> Iterator[Table]:
             share = f"{steps[Source.AUGMENTATION] / total:.0%}" if total else "-"
             paper = "-" if each.setting else _of_paper(study.task, name)
             counts = map(_by_source, (episodes, steps, windows))
-            rows.append((each.result.title, *counts, f"{sum(unused.values()):.0f}", share, paper))
+            rows.append((study.title_with_tasks(each), *counts, f"{sum(unused.values()):.0f}", share, paper))
     columns = (
         "condition",
         "episodes",

@@ -35,6 +35,7 @@ class Measured:
             of a number to be compared.
         evaluations: Manifests of its models' evaluations.
         method: The condition that comes with juicer and has the same parts; empty if there is none.
+        is_trained: Whether a training seed changes what it does, unlike what replays a demonstration.
     """
 
     result: ConditionResult
@@ -42,6 +43,7 @@ class Measured:
     states: str
     evaluations: tuple[Manifest, ...]
     method: str = ""
+    is_trained: bool = True
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,21 @@ class TaskStudy:
         found = self.measured.get(condition)
         return found.result if found else None
 
+    @property
+    def untrained(self) -> set[str]:
+        """Names of the conditions that no training seed changes."""
+        return {name for name, each in self.measured.items() if not each.is_trained}
+
+    def tasks_behind(self, measured: Measured) -> list[str]:
+        """Tasks whose demonstrations a condition learned from: one policy may have been taught several."""
+        behind = self.sources.behind([each.ref for each in measured.evaluations])
+        return list(dict.fromkeys(str(each.recipe.config["task"]) for each in behind if each.recipe.stage == "ingest"))
+
+    def title_with_tasks(self, measured: Measured) -> str:
+        """Title of a condition, and how many tasks its policy was taught if these are several."""
+        number = len(self.tasks_behind(measured))
+        return f"{measured.result.title} ({number} tasks)" if number > 1 else measured.result.title
+
     def are_paired(self, first: ConditionResult, second: ConditionResult) -> bool:
         """Whether two policies see the same, from the same initial states, and may take as long."""
         states = (self.measured[each.condition].states for each in (first, second))
@@ -85,14 +102,13 @@ class TaskStudy:
             if each.recipe.stage == "ingest" and each.recipe.config["task"] == self.task
         )
         operators = dict.fromkeys(
-            f"recorded by a {each.summary['device']}{temperament}"
-            for each in behind
-            if each.recipe.stage == "record" and (temperament := temperament_of(each))
+            f"{each.summary['device']}{temperament_of(each)}" for each in behind if each.recipe.stage == "record"
         )
         levels = dict.fromkeys(
             f"randomness {level}" for each in plain if (level := each.recipe.config.get("randomness"))
         )
-        return ", ".join((*sizes, *operators, *levels))
+        recorded = [f"recorded by a {' or a '.join(operators)}"] if operators else []
+        return ", ".join((*sizes, *recorded, *levels))
 
     @property
     def behind(self) -> list[Manifest]:
@@ -178,12 +194,15 @@ def task_study(
         ArtifactError: If an evaluation is missing or damaged.
     """
     measured = {}
+    sources = sources or Sources(store, evaluations, rows)
     for result in condition_results(store, evaluations, rows):
         own = [(ref, row) for ref, row in zip(evaluations, rows, strict=True) if row.condition == result.condition]
         manifests = tuple(store.manifest(ref) for ref, _ in own)
         row = own[0][1]
-        measured[result.condition] = Measured(result, row.setting, _states(manifests[0]), manifests, row.method)
-    return TaskStudy(task, measured, sources or Sources(store, evaluations, rows), tuple(curves), tuple(analyses))
+        is_trained = all(each.recipe.stage != "memorise" for each in sources.behind([own[0][0]]))
+        states = _states(manifests[0])
+        measured[result.condition] = Measured(result, row.setting, states, manifests, row.method, is_trained)
+    return TaskStudy(task, measured, sources, tuple(curves), tuple(analyses))
 
 
 def _states(evaluation: Manifest) -> str:

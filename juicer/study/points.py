@@ -9,6 +9,8 @@ from juicer.study.curves import Curve, Saturation, fit_saturation
 from juicer.study.material import TaskStudy
 from juicer.study.statistics import differences
 
+FITTED = 3
+"""Models a point below which a fitted curve's intervals are too narrow."""
 Points = Sequence[tuple[float, ConditionResult]]
 """Number and result of each condition of a curve, in the order of the numbers."""
 

@@ -34,5 +34,5 @@ def _tables(study: TaskStudy) -> Iterator[Table]:
             yield Table(tuple(columns), tuple(map(tuple, rows)), f"{study.task}{alike}")
         for name in shift_names(results):
             shifted = [found for result in results if (found := result.shifted.get(name))]
-            if tested := differences(shifted):
+            if tested := differences(shifted, study.untrained):
                 yield from paired_tests(f"{study.task}{alike}, under {name}", shifted, tested)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from itertools import zip_longest
 from statistics import fmean
@@ -15,7 +14,7 @@ from juicer.study.material import Measured, TaskStudy
 from juicer.study.success import interval_text, percent
 
 Tried = list[tuple[int, int]]
-"""Successes and episodes of the rollouts of a model's rounds, all of its tasks together."""
+"""Successes and episodes of the rollouts of a model's rounds."""
 
 
 def rounds_section(studies: Sequence[TaskStudy]) -> Section | None:
@@ -30,13 +29,17 @@ def rounds_section(studies: Sequence[TaskStudy]) -> Section | None:
         "A round's rate is that of the model that collects in it, in its own rollouts, whose initial states are new to "
         "it. A model of which nothing was learned in a round, for instance as no rollout succeeded, goes no further, "
         "and is missing from there on: the rate is that of the others, whose number is told, and probably higher than "
-        "that of all.",
+        "that of all. One policy for several tasks has no rounds of its own: it learns from rollouts of others.",
         tables,
     )
 
 
 def _table(study: TaskStudy) -> Table:
-    rounds = {name: cells for name, each in study.measured.items() if (cells := _rounds_of(study, each))}
+    rounds = {
+        name: cells
+        for name, each in study.measured.items()
+        if len(study.tasks_behind(each)) <= 1 and (cells := _rounds_of(study, each))
+    }
     number = max(map(len, rounds.values()), default=0)
     rows = tuple(
         (
@@ -58,14 +61,9 @@ def _rounds_of(study: TaskStudy, measured: Measured) -> list[str]:
 
 def _tried(made_of: Iterable[Manifest]) -> Tried:
     """What a model's rounds brought, in their order: a later one begins with later initial states."""
-    by_task: defaultdict[str, dict[int, tuple[int, int]]] = defaultdict(dict)
-    for each in made_of:
-        if each.recipe.stage == "collect":
-            config, summary = each.recipe.config, each.summary
-            by_task[config["task"]][config["first"]] = (summary["successes"], summary["episodes"])
-    ordered = [[rounds[first] for first in sorted(rounds)] for rounds in by_task.values()]
-    turns = ([each for each in turn if each] for turn in zip_longest(*ordered))
-    return [(sum(won for won, _ in turn), sum(tried for _, tried in turn)) for turn in turns]
+    collected = [each for each in made_of if each.recipe.stage == "collect"]
+    collected.sort(key=lambda each: int(each.recipe.config["first"]))
+    return [(each.summary["successes"], each.summary["episodes"]) for each in collected]
 
 
 def _rate(turn: Tried, num_models: int) -> str:

@@ -10,12 +10,12 @@ from juicer.analysis.sampling import CHANCE
 from juicer.reporting.comparison import by_observation
 from juicer.study.curves import Curve
 from juicer.study.material import TaskStudy
-from juicer.study.points import curve_points, fit_of, rivals, rounded
+from juicer.study.points import FITTED, curve_points, fit_of, rivals, rounded
 from juicer.study.statistics import LEVEL, Difference, against, models_differ, p_text, points
 from juicer.study.success import interval_text, percent
 
-_FITTED = 3
-"""Models a point below which a fitted curve's intervals are too narrow."""
+NEGLIGIBLE = 0.03
+"""By how much one condition may be better than another and still as good [rate of success]."""
 _ONE_SEED = "of one seed, where two at least must tell how far trainings differ"
 
 
@@ -48,6 +48,9 @@ class Rule(Protocol):
 class Better:
     """One condition succeeds more often than another: their paired test says so, and none the other way.
 
+    It does not hold either where the interval leaves no room for more than a negligible advantage, unless the other
+    condition itself leaves none.
+
     Attributes:
         better: The one.
         than: The other.
@@ -63,9 +66,9 @@ class Better:
         if missing := _missing(study, self.better, self.than, settings=self.settings):
             return Verdict(Ruling.UNTESTED, missing)
         first, second = study.measured[self.than].result, study.measured[self.better].result
-        for found in against(first, [second]):
-            told = f"{second.title} against {first.title}: {found}"
-            return Verdict(_ruling(found), told if found.num_shared_seeds > 1 else f"{told}; {_ONE_SEED}")
+        for found in against(first, [second], study.untrained):
+            ruling, why = _ruling(found)
+            return Verdict(ruling, f"{second.title} against {first.title}: {found}{why and f'; {why}'}")
         return Verdict(Ruling.UNTESTED, "they have no seed in common")
 
 
@@ -82,7 +85,7 @@ class Best:
             return Verdict(Ruling.UNTESTED, missing)
         best = study.measured[self.best].result
         others = [study.measured[name].result for name in self.among]
-        found = against(best, others)
+        found = against(best, others, study.untrained)
         compared = {each.second.condition for each in found}
         if lacking := [other.title for other in others if other.condition not in compared]:
             return Verdict(Ruling.UNTESTED, f"{best.title} has no seed in common with {', '.join(lacking)}")
@@ -92,7 +95,7 @@ class Best:
             return Verdict(Ruling.FAILS, f"{', '.join(above)} succeeds more often")
         if equal:
             told = f"cannot be told apart from {', '.join(equal)}"
-            alone = any(each.num_shared_seeds == 1 for each in found)
+            alone = any(each.num_models == 1 for each in found)
             return Verdict(Ruling.OPEN, f"{told}; {_ONE_SEED}" if alone else told)
         return Verdict(Ruling.HOLDS, f"{percent(best.average)}, above each of the {len(found)} others (Holm)")
 
@@ -157,8 +160,8 @@ class Saturates:
             return Verdict(Ruling.UNTESTED, f"curve {self.curve} has no results, or too few to fit")
         low, high = fit.enough_interval
         told = f"95% of a plateau of {percent(fit.top)} at {rounded(fit.enough)} ({rounded(low)} to {rounded(high)})"
-        if any(result.num_models < _FITTED for _, result in found):
-            return Verdict(Ruling.OPEN, f"{told}; {_FITTED} models a point at least are needed")
+        if any(result.num_models < FITTED for _, result in found):
+            return Verdict(Ruling.OPEN, f"{told}; {FITTED} models a point at least are needed")
         if not fit.is_seen:
             return Verdict(Ruling.OPEN, f"{told}, which lies beyond the points")
         return Verdict(Ruling.HOLDS if high <= self.by else Ruling.FAILS if low > self.by else Ruling.OPEN, told)
@@ -238,10 +241,17 @@ class Untested:
         return Verdict(Ruling.UNTESTED, self.reason)
 
 
-def _ruling(found: Difference) -> Ruling:
-    if not found.is_clear:
-        return Ruling.OPEN
-    return Ruling.HOLDS if found.test.difference > 0 else Ruling.FAILS
+def _ruling(found: Difference) -> tuple[Ruling, str]:
+    """Whether the second of two conditions is better, and why that is not said by the difference itself."""
+    if found.is_clear:
+        return Ruling.HOLDS if found.test.difference > 0 else Ruling.FAILS, ""
+    if found.num_models == 1:
+        return Ruling.OPEN, _ONE_SEED
+    if found.first.average > 1 - NEGLIGIBLE:
+        return Ruling.OPEN, f"{found.first.title} leaves no room to be better"
+    if found.interval[1] <= NEGLIGIBLE:
+        return Ruling.FAILS, f"if it is better at all, then by no more than {100 * NEGLIGIBLE:.0f} points"
+    return Ruling.OPEN, ""
 
 
 def _missing(study: TaskStudy, *conditions: str, settings: bool = False) -> str:

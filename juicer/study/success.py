@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 
 from juicer.evaluation import ConditionResult
-from juicer.reporting.comparison import by_observation
+from juicer.reporting.comparison import best_of, by_observation
 from juicer.reporting.paper import paper_figures
 from juicer.reporting.section import Section, Table
 from juicer.study.material import Measured, TaskStudy, under
@@ -26,10 +26,13 @@ def success_section(studies: Sequence[TaskStudy]) -> Section | None:
         "rates",
         "Success",
         "How often each policy succeeds",
+        "Policies are told the poses of all parts, as only a simulator can, unless a heading says what they see. "
         "Averages over models, with 95 % intervals over models and episodes, of one model over its episodes alone; "
-        "best is the best single model. Models of the same randomness start from the same initial states, which no "
-        "training or collection has seen. The paper's figures (Tables VI and VII, average and best of five) are of "
-        "another simulator, from images, with 50 demonstrations at low randomness.",
+        "best is the best of several models. All models of a condition learned from the same demonstrations and "
+        "snippets, and differ by their training and by the rollouts that they collected. Models of the same randomness "
+        "start from the same initial states, which no training or collection has seen. The paper's "
+        "figures (Tables VI and VII, average and best of five) are of another simulator, from images, with 50 "
+        "demonstrations at low randomness.",
         (*_overview(studies), *tables),
     )
 
@@ -39,7 +42,7 @@ def differences_section(studies: Sequence[TaskStudy]) -> Section | None:
     tables = []
     for study in studies:
         for alike, results in study.tested_together:
-            if found := differences(results):
+            if found := differences(results, study.untrained):
                 tables += list(paired_tests(f"{study.task}{alike}", results, found))
     if not tables:
         return None
@@ -47,10 +50,10 @@ def differences_section(studies: Sequence[TaskStudy]) -> Section | None:
         "differences",
         "Differences",
         "Which differences are more than chance",
-        "Models are paired by their seeds, episodes by their initial states. Intervals of differences are over models "
-        "and episodes. p is of a paired test, two-sided, adjusted for all pairs of a task's conditions that are "
-        "tested together (Holm). The test speaks of these models: where there is one of each, other trainings of a "
-        "recipe may differ by more.",
+        "Models are paired by their seeds, a replay with every model, and episodes by their initial states. Intervals "
+        "of differences are over models and initial states. p is of a paired test over initial states, two-sided, "
+        "adjusted for all pairs of a task's conditions that are tested together (Holm). The test speaks of these "
+        "models: where there is one of each, other trainings of a recipe may differ by more.",
         tuple(tables),
     )
 
@@ -86,7 +89,7 @@ def _row(task: str, measured: Measured) -> tuple[str, ...]:
         result.title,
         percent(result.average),
         interval_text(result.interval),
-        percent(result.best),
+        best_of(result),
         str(result.num_models),
         str(result.num_episodes),
         "-" if measured.setting else _of_paper(task, result.condition),
@@ -110,7 +113,7 @@ def _overview(studies: Sequence[TaskStudy]) -> Iterator[Table]:
             for study, groups in zip(studies, grouped, strict=True)
         }
         rows = tuple(_in_all_tasks(of_task, name) for name in dict.fromkeys(chain.from_iterable(of_task.values())))
-        yield Table(columns, rows, f"All tasks{under(seen)}: average / best, in brackets the paper's")
+        yield Table(columns, rows, f"All tasks{under(seen)}: average / best of how many, in brackets the paper's")
 
 
 def _in_all_tasks(of_task: Mapping[str, Mapping[str, ConditionResult]], name: str) -> tuple[str, ...]:
@@ -122,7 +125,8 @@ def _average_and_best(task: str, result: ConditionResult | None) -> str:
     if result is None:
         return "-"
     paper = _of_paper(task, result.condition).replace(" ", "")
-    return f"{percent(result.average)} / {percent(result.best)} ({paper})"
+    best = f" / {best_of(result)}" if result.num_models > 1 else ""
+    return f"{percent(result.average)}{best} of {result.num_models} ({paper})"
 
 
 def paired_tests(title: str, results: Sequence[ConditionResult], found: Sequence[Difference]) -> Iterator[Table]:
@@ -131,7 +135,7 @@ def paired_tests(title: str, results: Sequence[ConditionResult], found: Sequence
     reference = next((result for result in paired if result.condition == REFERENCE), paired[0])
     rows = [_tested(each, reference) for each in found if reference in (each.first, each.second)]
     columns = ("conditions", "difference", "95% interval", "only first / only second", "p, adjusted")
-    tests = dict.fromkeys(each.test.test for each in found)
+    tests = dict.fromkeys(each.test_name for each in found)
     yield Table(columns, tuple(rows), title, f"p is of {', or of '.join(tests)}.")
     if len(results) > 2:
         cells = {(each.first.condition, each.second.condition): each for each in found}
@@ -139,7 +143,8 @@ def paired_tests(title: str, results: Sequence[ConditionResult], found: Sequence
             ("", *(result.title for result in results)),
             tuple((row.title, *(_cell(row, column, cells) for column in results)) for row in results),
             f"{title}: each row's rate minus each column's, in points, over the models and episodes that both have",
-            "With a star where p, adjusted, is below 0.05.",
+            "With a star where p, adjusted, is below 0.05 and the interval leaves out 0, of two models of each at "
+            "least; with a ring (°) where only p is.",
         )
 
 
@@ -161,5 +166,6 @@ def _tested(each: Difference, reference: ConditionResult) -> tuple[str, ...]:
 def _cell(row: ConditionResult, column: ConditionResult, found: dict[tuple[str, str], Difference]) -> str:
     for names, sign in (((column.condition, row.condition), 1), ((row.condition, column.condition), -1)):
         if each := found.get(names):
-            return f"{points(sign * each.test.difference)}{'*' if each.is_significant else ''}"
+            mark = "*" if each.is_clear else "°" if each.is_significant else ""
+            return f"{points(sign * each.test.difference)}{mark}"
     return "-" if row == column else "?"

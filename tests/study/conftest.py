@@ -82,10 +82,11 @@ class Made:
         seed: int = 0,
         setting: str = "",
         named: str = "",
+        shift: str = "",
         **settings: Any,
     ) -> None:
         """Of a success and a failure."""
-        config = {"task": self._task, "seed": seed} | settings
+        config = {"task": self._task, "seed": seed} | ({"shift": shift} if shift else {}) | settings
         recipe = Recipe("evaluate", "evaluation", inputs={"checkpoint": (checkpoint,)}, config=config)
         with self.store.create(recipe) as draft:
             ends = enumerate((Outcome.SUCCESS, Outcome.TIMEOUT))
@@ -93,7 +94,7 @@ class Made:
             write_evaluation(draft.path, rows)
         self._evaluations.append(recipe.ref)
         told = Setting(changes=setting, name=named)
-        self._rows.append(ReportRow(condition=condition, title=condition.upper(), seed=seed, setting=told))
+        self._rows.append(ReportRow(condition=condition, title=condition.upper(), seed=seed, setting=told, shift=shift))
 
     @property
     def study(self) -> TaskStudy:

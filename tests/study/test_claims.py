@@ -13,7 +13,7 @@ from juicer.reporting.content import ShownAnalysis
 from juicer.reporting.paper import PAPER_TABLE_VI
 from juicer.reporting.report import gather
 from juicer.reporting.setting import Setting
-from juicer.study.claims import CLAIMS, claims_section
+from juicer.study.claims import CLAIMS, OWN_CLAIMS, claims_section
 from juicer.study.curves import Curve
 from juicer.study.rules import AtMost, Best, BestWithin, Better, ModelsDiffer, Ruling, SampledAlike, Saturates
 from juicer.study.success import success_section
@@ -131,6 +131,24 @@ def test_episodes_of_other_states_or_of_another_length_are_not_compared(made, ch
 def test_policies_that_see_different_things_are_not_compared(result, study):
     told, seeing = result("bc", 0.3), replace(result("ta", 0.9), observes="images")
     assert Better("ta", "bc").judge(study(told, seeing)).reason == "their policies do not see the same"
+
+
+@pytest.mark.parametrize(
+    ("bc", "ta", "ruling", "why"),
+    [
+        ((0.6, 0.6, 0.6), (0.6, 0.6, 0.6), Ruling.FAILS, "; if it is better at all, then by no more than 3 points"),
+        ((1.0, 1.0, 0.99), (1.0, 1.0, 1.0), Ruling.OPEN, "; BC leaves no room to be better"),
+        ((0.6, 0.6, 0.6), (0.65, 0.6, 0.62), Ruling.OPEN, ""),
+    ],
+)
+def test_a_method_that_is_as_good_at_most_does_not_help(study, result, bc, ta, ruling, why):
+    first, second = result("bc", *bc, episodes=1000), result("ta", *ta, episodes=1000)
+    if bc == ta:
+        # The same episodes succeed, so nothing is left to chance.
+        second = replace(second, models=first.models)
+    verdict = Better("ta", "bc").judge(study(first, second))
+    assert verdict.ruling is ruling
+    assert verdict.reason.partition(", p ")[2].partition(";")[2] == why.removeprefix(";")
 
 
 def test_what_has_no_result_is_not_tested_and_the_missing_condition_is_named(study, result):
@@ -277,6 +295,19 @@ def test_each_statement_is_told_with_its_verdict_and_the_reason(study, result):
     assert section.note.startswith("Holds: 1, not tested: ")
 
 
+def test_statements_of_ours_stand_by_themselves(study, result):
+    names, setting = ("ten_coverage_96", "ten_ta_96"), ("coverage", "uniform")
+    alike = study(result(names[0], 0.8, 0.8), result(names[1], 0.4, 0.4))
+    measured = {
+        name: replace(alike.measured[name], setting=Setting(changes=each))
+        for name, each in zip(names, setting, strict=True)
+    }
+    own, _ = claims_section([replace(alike, measured=measured)]).tables
+    assert own.title == "Statements that the paper does not make"
+    assert [row[0] for row in own.rows] == ["96 snippets placed by coverage help more than 96 drawn uniformly."]
+    assert own.rows[0][3] == "holds"
+
+
 def test_nothing_is_told_of_statements_none_of_which_was_tested(study, result):
     assert claims_section([study(result("my_own", 0.4))]) is None
 
@@ -284,7 +315,7 @@ def test_nothing_is_told_of_statements_none_of_which_was_tested(study, result):
 def test_what_statements_compare_is_in_the_papers_study():
     (one_leg, *_) = load_runs("paper_study")
     assert set(one_leg.conditions) >= set(defaults()["conditions"])
-    for claim in CLAIMS:
+    for claim in (*CLAIMS, *OWN_CLAIMS):
         for name in ("better", "than", "best", "condition"):
             assert getattr(claim.rule, name, "bc") in one_leg.conditions
         assert set(getattr(claim.rule, "among", ())) <= set(one_leg.conditions)

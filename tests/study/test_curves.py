@@ -22,7 +22,7 @@ def rate(x: float) -> float:
 
 @pytest.fixture
 def points(result):
-    return [result(f"bc_{x}", rate(x), rate(x)) for x in PLACES]
+    return [result(f"bc_{x}", *[rate(x)] * 3) for x in PLACES]
 
 
 def test_a_fit_finds_the_curve_that_rates_follow(points):
@@ -86,6 +86,10 @@ def test_a_curve_is_a_table_a_sentence_and_a_drawing_beside_the_papers_points(po
     assert [row[0] for row in table.rows] == [str(x) for x in PLACES]
     assert [row[-1] for row in table.rows] == ["21%", "36%", "-", "-", "-", "-"]
     assert "The fitted curve tends to 80%" in table.note
+    assert "too narrow" not in table.note
+    few = [replace(point, models=point.models[:1]) for point in points]
+    (table,) = curve_section([study(*few, curves=(curve,))]).tables
+    assert table.note.endswith("too narrow where fewer than 3 models tell how far trainings differ.")
     assert chart.png.startswith(b"\x89PNG")
     assert chart.svg.startswith("<svg")
     assert "var(--accent)" in chart.svg

@@ -47,6 +47,17 @@ def test_labels_and_corrections_count_and_success_is_divided_by_all(made):
     assert "Corrections of a round in which none succeeded are not counted" in section.note
 
 
+def test_minutes_of_several_tasks_are_not_set_against_success_at_one(made):
+    summary = {"episodes": 1, "steps": 1200, "idle_steps_dropped": 0, "operator_minutes": 4.0}
+    data = tuple(
+        made.artifact("ingest", "episodes", config={"task": task}, summary=summary) for task in ("one_leg", "lamp")
+    )
+    made.evaluation("multitask", made.artifact("train", "checkpoint", inputs={"episodes": data}))
+    (row,) = effort_section([made.study]).tables[1].rows
+    assert row[0] == "MULTITASK (2 tasks)"
+    assert row[-2:] == ("8.0", "-")
+
+
 def test_labels_cost_what_the_papers_annotators_needed_on_that_task(made):
     logs = made.artifact(
         "ingest",
@@ -131,7 +142,7 @@ def test_pages_say_of_which_randomness_and_temperament_recordings_are(made):
     assert section is not None
     rows = [(row[1], row[4]) for row in section.tables[0].rows]
     assert rows == [("low", "scripted operator"), ("med", "scripted operator, human-like")]
-    assert made.study.base == "2 demonstrations, recorded by a scripted operator, human-like"
+    assert made.study.base == "2 demonstrations, recorded by a scripted operator or a scripted operator, human-like"
 
 
 def test_of_recordings_that_were_removed_nothing_is_said_rather_than_that_people_made_them(made):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from juicer.reporting.section import Chart, Section, Table
 from juicer.study.curves import Curve
 from juicer.study.markdown import write_markdown
@@ -50,12 +52,18 @@ def test_conditions_that_change_alike_are_tested_with_each_other_only(study, res
     assert tests.tables[0].rows[0][1] == "+40 points"
 
 
-def test_all_pairs_are_shown_at_once_with_a_star_where_they_differ(study, result):
-    section = differences_section([study(result("bc", 0.4), result("ta", 0.8), result("ci", 0.42))])
+@pytest.mark.parametrize(("models", "mark"), [(1, "°"), (3, "*")])
+def test_all_pairs_are_shown_at_once_with_a_star_where_they_clearly_differ(study, result, models, mark):
+    results = [result(name, *[rate] * models) for name, rate in (("bc", 0.4), ("ta", 0.8), ("ci", 0.42))]
+    section = differences_section([study(*results)])
     assert section is not None
     _, matrix = section.tables
     assert matrix.columns == ("", "BC", "TA", "CI")
-    assert matrix.rows == (("BC", "-", "-40*", "-2"), ("TA", "+40*", "-", "+38*"), ("CI", "+2", "-38*", "-"))
+    assert matrix.rows == (
+        ("BC", "-", f"-40{mark}", "-2"),
+        ("TA", f"+40{mark}", "-", f"+38{mark}"),
+        ("CI", "+2", f"-38{mark}", "-"),
+    )
 
 
 def test_tasks_stand_side_by_side_as_in_the_paper(study, result):
@@ -64,7 +72,10 @@ def test_tasks_stand_side_by_side_as_in_the_paper(study, result):
     assert section is not None
     overview = section.tables[0]
     assert overview.columns == ("condition", "one_leg", "lamp")
-    assert overview.rows == (("BC", "50% / 60% (59%/68%)", "10% / 10% (6%/7%)"), ("TA", "80% / 80% (64%/65%)", "-"))
+    assert overview.rows == (
+        ("BC", "50% / 60% of 2 (59%/68%)", "10% of 1 (6%/7%)"),
+        ("TA", "80% of 1 (64%/65%)", "-"),
+    )
 
 
 def test_tasks_stand_side_by_side_where_they_saw_the_same_under_the_settings_of_the_study(study, result):
@@ -75,9 +86,9 @@ def test_tasks_stand_side_by_side_where_they_saw_the_same_under_the_settings_of_
     lamp = replace(study(told), task="lamp")
     square_table = replace(study(med, settings={"bc": "randomness med"}), task="square_table")
     images, states = success_section([one_leg, lamp, square_table]).tables[:2]
-    assert images.rows == (("BC (images)", "40% / 40% (59%/68%)", "-", "-"),)
+    assert images.rows == (("BC (images)", "40% of 1 (59%/68%)", "-", "-"),)
     assert [row[0] for row in states.rows] == ["TA", "BC"]
-    assert states.rows[1][1:] == ("-", "10% / 10% (6%/7%)", "-")
+    assert states.rows[1][1:] == ("-", "10% of 1 (6%/7%)", "-")
 
 
 def test_state_and_image_results_share_no_table(study, result):

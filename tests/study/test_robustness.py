@@ -20,6 +20,14 @@ def test_rates_and_tests_under_a_shift_stand_together(result, study):
     assert tests.rows[0][:2] == ("BC → TA", "+70 points")
 
 
+def test_a_shift_of_fewer_models_says_so(result, study):
+    bc = replace(result("bc", 0.8, 0.9, 0.7), shifted={"push": result("bc", 0.2, 0.4)})
+    (rates,) = robustness_section([study(bc)]).tables
+    assert rates.rows[0][1].startswith("80% (")
+    assert rates.rows[0][2].startswith("30% (")
+    assert [cell.endswith(", 2 of 3 models") for cell in rates.rows[0][1:]] == [False, True]
+
+
 def test_who_sees_images_is_tested_with_others_that_do(result, study):
     usual, images = (("bc", 0.2), ("ta", 0.9)), (("eyes", 0.5), ("lens", 0.6))
     results = [

@@ -47,6 +47,24 @@ def test_rounds_of_seeds_that_start_elsewhere_are_the_same_rounds(made, collecte
     assert evaluated == "50%"
 
 
+def test_one_policy_for_several_tasks_has_no_rounds(made):
+    data = []
+    for task in ("one_leg", "lamp"):
+        demonstrations = made.artifact("ingest", "episodes", config={"task": task})
+        collector = made.artifact("train", "checkpoint", inputs={"episodes": (demonstrations,)})
+        data.append(
+            made.artifact(
+                "collect",
+                "episodes",
+                inputs={"checkpoint": (collector,)},
+                config={"task": task, "first": 0},
+                summary={"successes": 9, "episodes": 10},
+            )
+        )
+    made.evaluation("multitask", made.artifact("train", "checkpoint", inputs={"episodes": tuple(data)}))
+    assert rounds_section([made.study]) is None
+
+
 def test_conditions_without_rounds_have_no_such_section(made):
     made.evaluation("bc", made.artifact("train", "checkpoint"))
     assert rounds_section([made.study]) is None

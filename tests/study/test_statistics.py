@@ -91,6 +91,12 @@ def test_what_no_training_changes_is_paired_with_every_model(result):
     assert found.test.difference == pytest.approx(bc.average - replay.average)
 
 
+def test_a_replay_is_known_by_what_it_was_made_of(made):
+    made.evaluation("replay", made.artifact("memorise", "checkpoint"))
+    made.evaluation("bc", made.artifact("train", "checkpoint"))
+    assert made.study.untrained == {"replay"}
+
+
 def test_no_difference_has_no_sign():
     assert [points(each) for each in (0.0, -0.004, 0.004, -0.02, 0.3)] == ["0", "0", "0", "-2", "+30"]
 
