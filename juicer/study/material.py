@@ -9,10 +9,12 @@ from juicer.artifacts.manifest import Manifest
 from juicer.artifacts.ref import ArtifactRef
 from juicer.artifacts.store import ArtifactStore
 from juicer.config import canonical_json
+from juicer.errors import ArtifactError
 from juicer.evaluation import ConditionResult
 from juicer.reporting.analyses import AnalysisRow
 from juicer.reporting.comparison import ReportRow, by_observation, condition_results
 from juicer.reporting.content import ShownAnalysis
+from juicer.reporting.lineage import checkpoint_of
 from juicer.reporting.setting import Setting
 from juicer.reporting.sources import Sources
 from juicer.study.curves import Curve
@@ -194,15 +196,22 @@ def task_study(
         ArtifactError: If an evaluation is missing or damaged.
     """
     measured = {}
-    sources = sources or Sources(store, evaluations, rows)
     for result in condition_results(store, evaluations, rows):
         own = [(ref, row) for ref, row in zip(evaluations, rows, strict=True) if row.condition == result.condition]
         manifests = tuple(store.manifest(ref) for ref, _ in own)
         row = own[0][1]
-        is_trained = all(each.recipe.stage != "memorise" for each in sources.behind([own[0][0]]))
-        states = _states(manifests[0])
+        states, is_trained = _states(manifests[0]), _is_trained(store, manifests[0])
         measured[result.condition] = Measured(result, row.setting, states, manifests, row.method, is_trained)
-    return TaskStudy(task, measured, sources, tuple(curves), tuple(analyses))
+    return TaskStudy(task, measured, sources or Sources(store, evaluations, rows), tuple(curves), tuple(analyses))
+
+
+def _is_trained(store: ArtifactStore, evaluation: Manifest) -> bool:
+    """Whether a policy was trained, as all are of which nothing is known any more."""
+    checkpoint = checkpoint_of(evaluation)
+    try:
+        return checkpoint is None or store.recipe(checkpoint).stage != "memorise"
+    except ArtifactError:
+        return True
 
 
 def _states(evaluation: Manifest) -> str:
