@@ -18,6 +18,7 @@ from flows.servers.addresses import LOOPBACK, PORTS, connect
 from flows.servers.environment import API_VARIABLE
 from flows.servers.process import title
 from juicer.errors import did_you_mean
+from stages.tracking.destination import without_credentials
 
 CONNECT_SECONDS = 3.0
 
@@ -41,7 +42,7 @@ def check_proxies(settings: Settings) -> Iterator[Verdict]:
     if not proxies:
         yield ok("no proxy is set")
         return
-    shown = ", ".join(f"{scheme} by {_without_password(url)}" for scheme, url in sorted(proxies.items()))
+    shown = ", ".join(f"{scheme} by {without_credentials(url)}" for scheme, url in sorted(proxies.items()))
     if any(url.lower().startswith("socks") for url in proxies.values()) and not importlib.util.find_spec("socksio"):
         yield warning(f"a SOCKS proxy is set ({shown}) and the library for it is missing", "pip install socksio")
     elif urllib.request.proxy_bypass(LOOPBACK):
@@ -82,7 +83,7 @@ def check_ports(settings: Settings) -> Iterator[Verdict]:
 def check_tracking(settings: Settings) -> Iterator[Verdict]:
     """Whether the place that records go to can be used."""
     uri = settings.tracking_uri
-    scheme = urlsplit(uri).scheme
+    scheme, shown = urlsplit(uri).scheme, without_credentials(uri)
     if not settings.tracks:
         yield ok("nothing is recorded in MLflow, as JUICER_TRACKING_URI says")
     elif not uri:
@@ -90,14 +91,14 @@ def check_tracking(settings: Settings) -> Iterator[Verdict]:
     elif scheme in ("http", "https"):
         if reason := _refusal(uri):
             yield warning(
-                f"the MLflow server at '{uri}' {reason}", "start it; until then records wait in the data folder"
+                f"the MLflow server at '{shown}' {reason}", "start it; until then records wait in the data folder"
             )
         else:
-            yield ok(f"the MLflow server at '{uri}' takes connections")
+            yield ok(f"the MLflow server at '{shown}' takes connections")
     elif scheme == "sqlite":
         yield _database(Path(unquote(uri.removeprefix("sqlite:///"))))
     else:
-        yield ok(f"records go to '{_without_password(uri)}', which was not tried")
+        yield ok(f"records go to '{shown}', which was not tried")
 
 
 def _database(path: Path) -> Verdict:
@@ -125,8 +126,3 @@ def _refusal(url: str) -> str:
     except OSError as error:
         return f"does not answer ({error.strerror or error})"
     return ""
-
-
-def _without_password(url: str) -> str:
-    scheme, separator, rest = url.rpartition("://")
-    return f"{scheme}{separator}{rest.rpartition('@')[2]}"

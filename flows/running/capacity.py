@@ -28,7 +28,11 @@ def available_memory() -> float:
     lines = dict(line.split(":", 1) for line in Path("/proc/meminfo").read_text().splitlines())
     free = 1024.0 * int(lines["MemAvailable"].split()[0])
     limit, used = _read(_CGROUP / "memory.max"), _read(_CGROUP / "memory.current")
-    return min(free, int(limit) - int(used)) if limit.isdigit() and used.isdigit() else free
+    if not (limit.isdigit() and used.isdigit()):
+        return free
+    # Copies of files are given up for whoever needs memory.
+    statistics = dict(line.split() for line in _read(_CGROUP / "memory.stat").splitlines())
+    return min(free, int(limit) - int(used) + int(statistics.get("inactive_file", 0)))
 
 
 def _read(path: Path) -> str:

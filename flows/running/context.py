@@ -20,7 +20,7 @@ from flows.terminal.time_left import Call
 from juicer.artifacts.catalog import catalog_of, kind_of_work
 from stages.runtime.execution import perform_here
 from stages.runtime.session import Performer, Session
-from stages.tracking.destination import Destination, runs_page
+from stages.tracking.destination import Destination, runs_page, without_credentials
 from stages.tracking.recorder import Recorder
 
 PUBLISHING_SECONDS = 60.0
@@ -114,11 +114,9 @@ def records_page(settings: Settings, experiment: str | None) -> str:
     """Address that opens on the runs of an experiment; empty if nobody serves MLflow's pages."""
     services = find_services(settings.folder)
     pages = settings.tracking_uri or (services.mlflow if services else "")
-    parts = urlsplit(pages)
-    if experiment is None or parts.scheme not in ("http", "https"):
+    if experiment is None or urlsplit(pages).scheme not in ("http", "https"):
         return ""
-    # Without the credentials that an address may hold.
-    return runs_page(parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl(), experiment)
+    return runs_page(without_credentials(pages), experiment)
 
 
 def destination(settings: Settings) -> Destination:

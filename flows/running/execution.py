@@ -28,6 +28,7 @@ from juicer.study.material import TaskStudy, task_study
 from stages.report import ReportConfig, report
 from stages.runtime.context import Record
 from stages.runtime.session import Session
+from stages.tracking.destination import without_credentials
 
 POLL_SECONDS = 0.2
 
@@ -296,11 +297,11 @@ def _in_words(name: str, shift: Shift) -> str:
 
 def _links() -> Mapping[str, str]:
     """MLflow's pages, if they have an address that outlasts this run; without the credentials that it may hold."""
+    address = read_settings().tracking_uri
     try:
-        parts = urlsplit(read_settings().tracking_uri)
+        parts = urlsplit(address)
     except ValueError:
         return {}
     if parts.scheme not in ("http", "https") or not parts.hostname:
         return {}
-    place = parts.netloc.rpartition("@")[2]
-    return {"MLflow": f"{parts.scheme}://{place}{parts.path.rstrip('/')}/#/experiments"}
+    return {"MLflow": f"{without_credentials(address).rstrip('/')}/#/experiments"}

@@ -197,20 +197,29 @@ def calls_of(planned: Iterable[PlannedCall], stage: str) -> list[PlannedCall]:
 
 
 def ready_calls(store: ArtifactStore, configs: Sequence[RunConfig], stage: str) -> list[PlannedCall]:
-    """Calls of one stage that runs make, all of whose inputs are in the store.
+    """Calls of one stage that runs make, all of whose inputs are in the store: those of later rounds may wait.
 
     Raises:
-        ConfigError: If no run has such a stage, or an input is not there yet.
+        ConfigError: If no run has such a stage, or an input of each of its calls is not there yet.
     """
     planned = plan(store, *configs)
     chosen = calls_of(planned, stage)
-    for entry in chosen:
-        if missing := missing_inputs(entry, planned):
-            raise ConfigError(
-                f"stage '{stage}' ({entry.label}) needs what {', '.join(missing)} makes, and the store lacks it; "
-                f"run `juicer run`, or `juicer stage {missing[0]}` first"
-            )
-    return chosen
+    ready = [entry for entry in chosen if not missing_inputs(entry, planned)]
+    if not ready:
+        missing = missing_inputs(chosen[0], planned)
+        raise ConfigError(
+            f"stage '{stage}' ({chosen[0].label}) needs what {', '.join(missing)} makes, and the store lacks it; "
+            f"run `juicer run`, or `juicer stage {_first_to_make(chosen[0], planned).stage}` first"
+        )
+    return ready
+
+
+def _first_to_make(entry: PlannedCall, planned: Iterable[PlannedCall]) -> PlannedCall:
+    """Of all that a call needs and the store lacks, something that can be made at once."""
+    made_by = {other.ref: other for other in planned if not other.exists}
+    while needed := [made_by[ref] for ref in entry.call.recipe.parents if ref in made_by]:
+        entry = needed[0]
+    return entry
 
 
 def missing_inputs(entry: PlannedCall, planned: Iterable[PlannedCall]) -> list[str]:

@@ -71,7 +71,8 @@ def only_one(folder: Path, kind: type[Announcement] = Services) -> Iterator[bool
     """Hold the place of those who serve a data folder, for the length of a block; gives whether it was free.
 
     The kernel frees it when the process ends, however it ends: an announcement that nobody stands behind is void, and
-    nobody who has taken over the port is sent a password.
+    nobody who has taken over the port is sent a password. What a killed process announced goes at once, before the new
+    one has anything to announce.
 
     Raises:
         ServiceUnavailable: If the disk refuses the file or its lock.
@@ -82,6 +83,8 @@ def only_one(folder: Path, kind: type[Announcement] = Services) -> Iterator[bool
     try:
         with writing(path):
             is_free = _locks(descriptor, fcntl.LOCK_EX)
+            if is_free:
+                (folder / kind.file).unlink(missing_ok=True)
         yield is_free
     finally:
         os.close(descriptor)

@@ -29,7 +29,7 @@ from flows.servers.program import MLFLOW_PASSWORD, MLFLOW_USER, NAMES_VARIABLE, 
 from flows.servers.secret import SECRET_FILE, credentials_of
 from flows.terminal.output import say, say_json
 from juicer.errors import ConfigError, ServiceUnavailable
-from stages.tracking.destination import Destination, newest_study, runs_page
+from stages.tracking.destination import Destination, newest_study, runs_page, without_credentials
 
 ENVIRONMENT_FILE = "servers.env"
 
@@ -93,8 +93,9 @@ def _local_destination(settings: Settings) -> Destination:
     if not settings.tracks:
         settings = settings.model_copy(update={"tracking_uri": ""})
     if settings.tracking_uri.startswith(("http:", "https:")):
+        address = without_credentials(settings.tracking_uri)
         raise ConfigError(
-            f"JUICER_TRACKING_URI is the address of a server that has its own pages, {settings.tracking_uri}; "
+            f"JUICER_TRACKING_URI is the address of a server that has its own pages, {address}; "
             "unset it to serve the records of this machine"
         )
     return destination(settings)

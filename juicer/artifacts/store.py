@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import time
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -93,7 +93,9 @@ class ArtifactStore:
             return self._backend.exists(ref)
 
     @contextmanager
-    def create(self, recipe: Recipe, *, replacing: bool = False) -> Iterator[Draft]:
+    def create(
+        self, recipe: Recipe, *, replacing: bool = False, waiting: Callable[[], None] = lambda: None
+    ) -> Iterator[Draft]:
         """Make the artifact of a recipe: fill the draft inside the block, it is committed at the end of the block.
 
         At a failure, or a kill at any moment, the artifact is absent; what the block left in the draft's scratch
@@ -104,6 +106,7 @@ class ArtifactStore:
             recipe: What the artifact is made of.
             replacing: Whether to make it even if it is there, e.g. damaged; the old one stays until the commit. If
                 another process replaces it while this one waits, its work is adopted.
+            waiting: Called again and again while another process makes it; ends the wait by raising.
 
         Raises:
             StoreNotWritable: If a write is refused, in the block or at the commit.
@@ -111,7 +114,7 @@ class ArtifactStore:
         """
         backend, ref = self._backend, recipe.ref
         old = self._written(ref) if replacing else None
-        with explained(self.cache), backend.work.lock(ref.id):
+        with explained(self.cache), backend.work.lock(ref.id, waiting):
             draft = Draft(ref, backend.work.draft(ref.id), backend.work.scratch(ref.id))
             with self._explaining(ref):
                 is_made = backend.recover(ref) and (not replacing or self._written(ref) != old)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -44,15 +45,21 @@ class Workspace:
         ]
 
     @contextmanager
-    def lock(self, identity: str) -> Iterator[None]:
+    def lock(self, identity: str, waiting: Callable[[], None] = lambda: None) -> Iterator[None]:
         """Hold the lock of an id, after waiting for it.
 
         The kernel takes the lock from a dead owner, so that no death can block an id.
+
+        Args:
+            identity: The id.
+            waiting: Called again and again while another process holds the lock; ends the wait by raising.
         """
         lock = self._lock(identity)
         if not _acquire_at_once(lock):
             logger.info("waiting for another process that works on %s", identity)
-            lock.acquire(poll_interval=_POLL_S)
+            while not _acquire_at_once(lock):
+                waiting()
+                time.sleep(_POLL_S)
         with _releasing(lock):
             yield
 

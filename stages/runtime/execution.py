@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from functools import cached_property
 
 from juicer.artifacts.draft import Draft
 from juicer.artifacts.ref import ArtifactRef
+from juicer.progress import Progress
 from stages.runtime.context import StageContext, StageInterrupted
 from stages.runtime.given_files import check_unchanged
 from stages.runtime.isolation import run_isolated
@@ -53,10 +55,11 @@ def execute(call: StageCall, session: Session) -> Finished:
         # A call may have waited for a thread of the task runner meanwhile; it does not begin any more.
         raise StageInterrupted
     replacing = session.store.find(call.recipe) is not None
+    progress = _Progress(call, session)
     try:
-        with session.store.create(call.recipe, replacing=replacing) as draft:
+        with session.store.create(call.recipe, replacing=replacing, waiting=progress.waiting) as draft:
             if not draft.adopted:
-                _fill(call, session, draft)
+                _fill(call, session, draft, progress)
                 check_unchanged(call.recipe.files, call.stage.describe_files(call.arguments))
     except BaseException as error:
         fail(call, session, error)
@@ -64,16 +67,37 @@ def execute(call: StageCall, session: Session) -> Finished:
     return finish(call, session, Finished(call.recipe.ref, reused=draft.adopted))
 
 
-def _fill(call: StageCall, session: Session, draft: Draft) -> None:
-    """Run the body; what it needs of the machine is its own meanwhile."""
-    stage, label = call.stage, session.label
-    listener = session.display.started(stage.name, label, str(draft.ref))
-    logger.info("%s%s: making %s", stage.name, f" ({label})" if label else "", draft.ref)
+class _Progress:
+    """Tells how far a call has come, from when it has something to tell, and ends it when the user asked for an end."""
 
-    def progress(done: int, total: int, **facts: float | str) -> None:
-        if session.stop.is_set():
+    def __init__(self, call: StageCall, session: Session) -> None:
+        self._call, self._session = call, session
+
+    @cached_property
+    def _listener(self) -> Progress:
+        return self._session.display.started(self._call.stage.name, self._session.label, str(self._call.recipe.ref))
+
+    def begin(self) -> None:
+        """Tell that the work begins."""
+        label = self._session.label
+        name = f"{self._call.stage.name}{f' ({label})' if label else ''}"
+        logger.info("%s: making %s", name, self._call.recipe.ref)
+        _ = self._listener
+
+    def __call__(self, done: int, total: int, **facts: float | str) -> None:
+        if self._session.stop.is_set():
             raise StageInterrupted
-        listener(done, total, **facts)
+        self._listener(done, total, **facts)
+
+    def waiting(self) -> None:
+        """Tell that another process makes the artifact."""
+        self(0, 0, waiting_for="another run")
+
+
+def _fill(call: StageCall, session: Session, draft: Draft, progress: _Progress) -> None:
+    """Run the body; what it needs of the machine is its own meanwhile."""
+    stage = call.stage
+    progress.begin()
 
     def run(machine: Machine) -> None:
         metrics = session.record.metrics(stage.name)

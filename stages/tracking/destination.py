@@ -55,6 +55,11 @@ class Destination:
         return cls(uri, folder / hashlib.sha256(uri.encode()).hexdigest()[:8])
 
     @property
+    def shown(self) -> str:
+        """The address as people may see it."""
+        return without_credentials(self.uri)
+
+    @property
     def lock(self) -> FileLock:
         """Held by the one process of a data folder that publishes, or makes the database."""
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -89,7 +94,14 @@ class Destination:
             with self.lock:
                 return self.connect()
         except Exception as error:
-            raise TrackingError(f"MLflow at '{self.uri}' cannot be used: {reason(error)}") from None
+            raise TrackingError(f"MLflow at '{self.shown}' cannot be used: {reason(error)}") from None
+
+
+def without_credentials(address: str) -> str:
+    """An address without the user and the password that it may hold, to be shown."""
+    scheme, separator, rest = address.rpartition("://")
+    place, slash, path = rest.partition("/")
+    return f"{scheme}{separator}{place.rpartition('@')[2]}{slash}{path}"
 
 
 def reason(error: Exception) -> str:

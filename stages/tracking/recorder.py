@@ -102,7 +102,7 @@ class Recorder:
             except Exception as error:
                 logger.debug("MLflow was not told", exc_info=error)
                 self._say(
-                    f"MLflow at '{self._destination.uri}' cannot be used ({reason(error)}); the run goes on, and a "
+                    f"MLflow at '{self._destination.shown}' cannot be used ({reason(error)}); the run goes on, and a "
                     "later one records what this one makes"
                 )
 

@@ -94,8 +94,16 @@ class RunWriter:
             if error.error_code != ErrorCode.Name(RESOURCE_ALREADY_EXISTS):
                 raise
         versions = list(self._client.search_model_versions(f"name = '{name}'", max_results=10_000))
-        if not any(version.run_id == identity and version.tags.get("artifact") == str(ref) for version in versions):
-            source, tags = f"runs:/{identity}/{entries.MODEL}", entries.version_tags(model, history, ref)
+        tags = entries.version_tags(model, history, ref)
+        known = [each for each in versions if each.run_id == identity and each.tags.get("artifact") == str(ref)]
+        for version in known:
+            # It may have been evaluated further since.
+            for key, text in tags.items():
+                if version.tags.get(key) != text:
+                    self._client.set_model_version_tag(name, version.version, key, text)
+                    version.tags[key] = text
+        if not known:
+            source = f"runs:/{identity}/{entries.MODEL}"
             note = entries.loading(name, model.task, history.evaluation.observes or STATE)
             versions.append(self._client.create_model_version(name, source, identity, tags=tags, description=note))
         self._client.set_registered_model_alias(name, "last", max(versions, key=lambda each: int(each.version)).version)

@@ -7,7 +7,7 @@ from collections import Counter
 import pytest
 
 from flows.config import CollectInferConfig, StudyConfig
-from flows.running.plan import calls_of, is_complete, missing_inputs, plan
+from flows.running.plan import calls_of, is_complete, missing_inputs, plan, ready_calls
 from flows.runs import load_runs, parse_runs
 from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ConfigError
@@ -137,6 +137,24 @@ def test_missing_inputs_are_named_by_the_stage_that_makes_them(store):
     (dataset,), (training,) = calls_of(planned, "dataset"), calls_of(planned, "train")
     assert missing_inputs(dataset, planned) == ["augment", "ingest"]
     assert missing_inputs(training, planned) == ["dataset"]
+
+
+def test_a_stage_makes_what_it_can_and_names_what_can_be_made_at_once(store):
+    config = CollectInferConfig(condition="ta_ci")
+    planned = plan(store, config)
+    made = []
+    for stage in ("train", "collect", "augment", "ingest"):
+        with pytest.raises(ConfigError, match=r"or `juicer stage record` first"):
+            ready_calls(store, [config], stage)
+    for stage in ("record", "ingest", "annotate", "augment", "dataset", "train", "collect", "select", "dataset"):
+        for entry in ready_calls(store, [config], stage):
+            made.append(entry.label)
+            if not store.find(entry.call.recipe):
+                with store.create(entry.call.recipe):
+                    pass
+    assert made[4:6] == ["ta_ci seed 0", "ta_ci seed 0"], "the first round's dataset and training alone"
+    assert [entry.exists for entry in calls_of(plan(store, config), "dataset")] == [True, True]
+    assert len(calls_of(planned, "train")) == 2
 
 
 def test_stage_that_a_run_does_not_have_is_named(store):

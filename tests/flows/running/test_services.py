@@ -88,6 +88,16 @@ def test_announcement_of_a_killed_process_is_void(tmp_path):
     assert find_services(tmp_path) is None
 
 
+def test_what_a_killed_process_announced_does_not_count_while_the_next_one_starts(tmp_path):
+    subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=False)
+    with only_one(tmp_path) as is_free:
+        assert is_free
+        assert find_services(tmp_path) is None
+        with announce(tmp_path, SERVICES), only_one(tmp_path) as again:
+            assert not again
+            assert find_services(tmp_path) == SERVICES
+
+
 def test_announcement_of_another_machine_is_void(tmp_path):
     elsewhere = Services(SERVICES.prefect, SERVICES.mlflow, machine=f"not-{platform.node()}")
     with only_one(tmp_path), announce(tmp_path, elsewhere):

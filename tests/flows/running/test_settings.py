@@ -77,6 +77,17 @@ def test_as_many_stages_run_as_there_are_processors_and_memory_for(monkeypatch, 
     assert read_settings().workers == workers
 
 
+def test_copies_of_files_do_not_use_up_the_memory_of_a_container(monkeypatch, tmp_path):
+    monkeypatch.setattr(capacity, "_CGROUP", tmp_path)
+    for name, text in (
+        ("memory.max", "200000000"),
+        ("memory.current", "190000000"),
+        ("memory.stat", "anon 40000000\ninactive_file 120000000\nactive_file 30000000"),
+    ):
+        (tmp_path / name).write_text(f"{text}\n")
+    assert capacity.available_memory() == 130_000_000
+
+
 @pytest.mark.parametrize(("workers", "num_envs"), [("1", 16), ("16", 16), ("17", 32), ("64", 64)])
 def test_environments_keep_every_thread_busy_in_whole_batches_of_a_policy(monkeypatch, workers, num_envs):
     monkeypatch.setenv("JUICER_WORKERS", workers)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import importlib
+import time
 from dataclasses import replace
+from threading import Thread
 
 import pytest
 
+from juicer.artifacts.workspace import Workspace, delete_tree
 from juicer.errors import ConfigError, NothingLeft, WrongArtifactKind
 from stages.runtime.context import StageInterrupted
 
@@ -18,6 +21,34 @@ def test_second_call_with_the_same_recipe_does_not_run_the_body(toys, session, s
     assert first == second
     assert diary.states == [("write", "done"), ("write", "reused")]
     assert diary.progress == [(3, 3, {"mood": "good"})]
+
+
+def test_waiting_for_another_run_is_told_and_ends_when_the_user_asks_for_an_end(toys, session, store, diary):
+    session = replace(session, display=diary, record=diary)
+    ref = toys.write(session, config=toys.ToyConfig(words=3))
+    delete_tree(store.open(ref))
+    ended = []
+
+    def write():
+        try:
+            toys.write(session, config=toys.ToyConfig(words=3))
+        except StageInterrupted:
+            ended.append("interrupted")
+
+    diary.states.clear()
+    diary.progress.clear()
+    with Workspace(store.cache / ".work").lock(ref.id):
+        waiting = Thread(target=write)
+        waiting.start()
+        deadline = time.monotonic() + 10
+        while not diary.progress and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert waiting.is_alive()
+        session.stop.set()
+        waiting.join(10)
+        assert ended == ["interrupted"]
+    assert diary.progress[0] == (0, 0, {"waiting_for": "another run"})
+    assert diary.states == [("write", "stopped")]
 
 
 def test_another_config_makes_another_artifact(toys, session):

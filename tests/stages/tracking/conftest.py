@@ -91,7 +91,7 @@ class FakeStudy:
             "evaluate",
             "evaluation",
             lambda folder: write_evaluation(folder, rows),
-            {"condition": condition},
+            {"condition": condition, "episodes": episodes_evaluated},
             inputs={"checkpoint": (checkpoint,)},
             **facts(rows, ("screwed",)),
         )

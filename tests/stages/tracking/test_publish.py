@@ -417,6 +417,14 @@ def test_a_registered_version_is_told_from_others_and_loads_without_unpickling(d
     assert json.loads(lines[0].split(") ")[1]) != 0
 
 
+def test_a_version_tells_what_its_model_was_found_to_do_at_last(destination, store, study):
+    for episodes in (25, 100):
+        client = show(destination, store, [study.model(episodes_evaluated=episodes)])
+    (version,) = client.search_model_versions("name = 'study.bc'")
+    assert version.tags["episodes"] == "100"
+    assert float(version.tags["success_rate"]) == runs_of(client)["BC, seed 0"].data.metrics["success_rate"]
+
+
 def test_a_model_that_was_trained_anew_leaves_the_earlier_one_its_run_and_its_version(destination, store, study):
     first, other = study.model("bc", 0), study.model("bc", 1)
     client = show(destination, store, [first])

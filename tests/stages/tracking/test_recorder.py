@@ -110,11 +110,15 @@ def test_of_studies_that_are_shown_only_those_with_something_new_are_looked_at_a
 def test_a_server_that_is_away_costs_a_sentence_and_a_later_run_catches_up(destination, store, study, tmp_path, data):
     model = study.model()
     (tmp_path / "file").touch()
-    for uri in ("http://127.0.0.1:9", f"sqlite:///{tmp_path / 'file' / 'mlflow.db'}"):
+    for uri, shown in (
+        ("http://ann:secret@127.0.0.1:9", "http://127.0.0.1:9"),
+        (f"sqlite:///{tmp_path / 'file' / 'mlflow.db'}", f"sqlite:///{tmp_path / 'file' / 'mlflow.db'}"),
+    ):
         away = Destination(uri, destination.folder)
         is_shown, (warning,) = record(away, store, model, points=[(model, 10)])
         assert not is_shown
-        assert warning.startswith(f"MLflow at '{uri}' cannot be used (")
+        assert warning.startswith(f"MLflow at '{shown}' cannot be used (")
+        assert "secret" not in warning
         assert warning.count("cannot be used") == 1
         assert warning.endswith("the run goes on, and a later one records what this one makes")
     assert record(destination, store, study.model(seed=1)) == (True, [])
