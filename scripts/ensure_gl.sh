@@ -4,17 +4,15 @@
 set -euo pipefail
 
 VENV=${VENV:-.venv}
-PACKAGES="libegl1 libgl1-mesa-dri libosmesa6"
+# What juicer draws with on Linux unless the variable says otherwise.
+export MUJOCO_GL=${MUJOCO_GL:-egl}
+PACKAGES="libegl1 libgl1-mesa-dri"
+if [ "$MUJOCO_GL" = osmesa ]; then PACKAGES=libosmesa6; fi
 
 can_draw() {
-    for platform in ${MUJOCO_GL:-egl osmesa}; do
-        if MUJOCO_GL=$platform "$VENV/bin/python" -c '
+    "$VENV/bin/python" -c '
 import mujoco
-mujoco.Renderer(mujoco.MjModel.from_xml_string("<mujoco/>"), 16, 16).close()' >/dev/null 2>&1; then
-            return 0
-        fi
-    done
-    return 1
+mujoco.Renderer(mujoco.MjModel.from_xml_string("<mujoco/>"), 16, 16).close()' >/dev/null 2>&1
 }
 
 can_draw && exit 0

@@ -18,11 +18,12 @@ import pytest
 import yaml
 
 from flows.servers.guard import host_name, host_names, loopback_names
+from juicer import __version__
 
 ROOT = Path(__file__).parents[1]
 COMPOSE = ROOT / "docker-compose.yml"
 DOCKERFILE = ROOT / "docker" / "Dockerfile"
-OWN_IMAGE = "juicer:0.1.0"
+OWN_IMAGE = f"juicer:{__version__}"
 VARIABLE = re.compile(r"\$\{(?P<name>[A-Z_]+)(?::-(?P<default>[^}]*)|:\?(?P<complaint>[^}]*))?\}")
 
 

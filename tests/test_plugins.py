@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -101,6 +102,14 @@ def test_artifacts_of_a_kind_from_outside_are_listed_and_repaired(store, environ
     repaired = python(env, "-m", "juicer", "repair", damaged.name)
     assert repaired.returncode == 0, repaired.stderr
     assert json.loads((damaged / "lengths.json").read_text()) != []
+
+
+def test_what_the_readme_says_makes_an_artifact_of_the_stage_from_outside(store, environment, tmp_path) -> None:
+    folder, _ = store
+    (script,) = re.findall(r"```python\n(.*?)```", (EXAMPLE / "README.md").read_text(), re.DOTALL)
+    (tmp_path / "data").symlink_to(folder)
+    done = python(environment, "-c", script, cwd=tmp_path)
+    assert done.stdout.startswith("lengths/"), done.stderr
 
 
 def test_a_task_from_outside_is_offered_wherever_tasks_are(environment) -> None:
