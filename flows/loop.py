@@ -319,9 +319,14 @@ def _observes(session: Session, evaluation: ArtifactRef) -> str:
 
 
 def get_demonstrations(session: Session, config: LoopConfig) -> ArtifactRef:
-    """Demonstrations from a human's logs if there are any, else from the scripted operator."""
+    """Demonstrations from a human's logs if there are any, else from the scripted operator.
+
+    All models of a run learn from the logs that were there when it began: people may go on recording.
+    """
     if config.logs is not None:
-        return ingest(session, files=find_logs(config.logs), config=config.ingestion)
+        if config.logs not in session.listed:
+            session.listed.setdefault(config.logs, find_logs(config.logs))
+        return ingest(session, files=session.listed[config.logs], config=config.ingestion)
     logs = record(session, config=config.recording)
     return ingest(session, logs=logs, config=config.ingestion)
 

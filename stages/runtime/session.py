@@ -35,6 +35,7 @@ class Session:
         fresh: Ids made since the session began; they satisfy ``forced``.
         recipes: Of every artifact that was called for since the session began, made or not.
         held: By files that people go on writing, the copies that the session works with from its first use to its end.
+        listed: By folders to which people go on adding files, those that the session works with from its first use on.
     """
 
     store: ArtifactStore
@@ -49,6 +50,7 @@ class Session:
     fresh: set[str] = field(default_factory=set)
     recipes: dict[ArtifactRef, Recipe] = field(default_factory=dict)
     held: dict[Path, Path] = field(default_factory=dict)
+    listed: dict[Path, tuple[Path, ...]] = field(default_factory=dict)
 
     def perform(self, call: StageCall) -> ArtifactRef:
         """Have a stage call made."""

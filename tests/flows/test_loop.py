@@ -7,8 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from flows.loop import find_logs
+from flows.loop import find_logs, get_demonstrations
+from flows.loop_config import LoopConfig
+from juicer.artifacts.store import ArtifactStore
 from juicer.errors import ConfigError
+from stages.runtime.session import NoRecord, Session
 
 
 def test_everything_that_is_named_like_a_log_is_one_for_ingestion_to_judge(tmp_path: Path):
@@ -18,6 +21,20 @@ def test_everything_that_is_named_like_a_log_is_one_for_ingestion_to_judge(tmp_p
     os.mkfifo(tmp_path / "pipe.npz")
     (tmp_path / "gone.npz").symlink_to(tmp_path / "nowhere")
     assert [path.name for path in find_logs(tmp_path)] == ["A.NPZ", "b.npz", "folder.npz", "gone.npz", "pipe.npz"]
+
+
+def test_all_models_of_a_run_learn_from_the_logs_that_were_there_when_it_began(tmp_path: Path):
+    def session():
+        return Session(ArtifactStore(tmp_path / "store"), performer=lambda call, _: call.recipe.ref)
+
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    (folder / "first.npz").write_bytes(b"a log")
+    run, config = session(), LoopConfig(logs=folder)
+    first = get_demonstrations(run.for_model("BC, seed 0", NoRecord()), config)
+    (folder / "second.npz").write_bytes(b"another log")
+    assert get_demonstrations(run.for_model("BC, seed 1", NoRecord()), config) == first
+    assert get_demonstrations(session(), config) != first
 
 
 def test_a_folder_without_logs_or_none_at_all_is_named(tmp_path: Path):
