@@ -14,10 +14,11 @@ from urllib.parse import unquote, urlsplit
 
 from flows.doctor.verdict import Verdict, ok, problem, warning
 from flows.running.settings import PREFIX, RENAMED, RUNNER_VARIABLE, Settings
-from flows.servers.addresses import LOOPBACK, PORTS, connect
+from flows.servers.addresses import HEALTH_SECONDS, LOOPBACK, PORTS
 from flows.servers.environment import API_VARIABLE
 from flows.servers.process import title
 from juicer.errors import did_you_mean
+from stages.runtime.connection import connect
 from stages.tracking.destination import without_credentials
 
 CONNECT_SECONDS = 3.0
@@ -120,7 +121,7 @@ def _refusal(url: str) -> str:
         parts = urlsplit(url)
         if parts.scheme not in ("http", "https") or not parts.hostname:
             return "is no address; write it as http://HOST:PORT/api"
-        connect(url)
+        connect(url, HEALTH_SECONDS)
     except ValueError as error:
         return f"is no address ({error})"
     except OSError as error:

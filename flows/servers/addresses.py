@@ -9,6 +9,7 @@ from urllib.parse import urlsplit
 
 from juicer.errors import ConfigError, ServiceUnavailable
 from juicer.text import printable
+from stages.runtime.connection import connect
 
 LOOPBACK = "127.0.0.1"
 PORTS = {"prefect": 4200, "mlflow": 5000}
@@ -50,21 +51,10 @@ def check_reachable(name: str, url: str, remedy: str) -> None:
         ServiceUnavailable: If no connection can be made.
     """
     try:
-        connect(url)
+        connect(url, HEALTH_SECONDS)
     except OSError as error:
         reason = error.strerror or str(error)
         raise ServiceUnavailable(f"the {name} at '{url}' does not answer ({reason}); {remedy}") from None
-
-
-def connect(url: str) -> None:
-    """Make a connection to whatever listens at an address, and end it.
-
-    Raises:
-        OSError: If none can be made.
-    """
-    parts = urlsplit(url)
-    port = parts.port or (443 if parts.scheme == "https" else 80)
-    socket.create_connection((parts.hostname or LOOPBACK, port), timeout=HEALTH_SECONDS).close()
 
 
 def listen(wanted: int | None, preferred: int, name: str) -> socket.socket:

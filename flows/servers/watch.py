@@ -13,8 +13,9 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from flows.servers.addresses import connect
+from flows.servers.addresses import HEALTH_SECONDS
 from juicer.errors import JuicerError, ServiceUnavailable
+from stages.runtime.connection import connect
 
 POLL_SECONDS = 0.5
 PATIENCE_SECONDS = 12.0
@@ -87,7 +88,7 @@ class ServerWatch:
 def is_reachable(url: str) -> bool:
     """Whether anybody listens at an address."""
     try:
-        connect(url)
+        connect(url, HEALTH_SECONDS)
     except OSError:
         return False
     return True

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import socket
 import sqlite3
 from contextlib import closing
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from urllib.parse import urlsplit
 from filelock import FileLock
 
 from juicer.errors import TrackingError
+from stages.runtime.connection import connect
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -71,11 +71,9 @@ class Destination:
         Raises:
             Exception: Of whatever kind the libraries on the way raise, if it cannot be reached.
         """
-        parts = urlsplit(self.uri)
-        if parts.scheme in ("http", "https"):
+        if urlsplit(self.uri).scheme in ("http", "https"):
             # Fails at once where MLflow would try for a minute.
-            port = parts.port or (443 if parts.scheme == "https" else 80)
-            socket.create_connection((parts.hostname or "", port), timeout=CONNECT_SECONDS).close()
+            connect(self.uri, CONNECT_SECONDS)
         from mlflow import MlflowClient
 
         _create_database(self.uri, self.artifact_root)
