@@ -107,52 +107,27 @@ CLAIMS = (
     ),
 )
 
+
+def _beyond(sentence: str, better: str, than: str) -> Claim:
+    """A statement that the paper does not make, of one condition of the study against another."""
+    return Claim(sentence, "beyond the paper", Better(better, than, settings=True), _ONE_LEG)
+
+
 OWN_CLAIMS = (
     *(
-        Claim(
+        _beyond(
             f"{number} snippets placed by coverage help more than {number} drawn uniformly.",
-            "beyond the paper",
-            Better(f"ten_coverage_{number}", uniform, settings=True),
-            _ONE_LEG,
+            f"ten_coverage_{number}",
+            uniform,
         )
         for number, uniform in ((96, "ten_ta_96"), (192, "ten_ta_192"), (384, "ten_ta_384"), (768, "ten_ta"))
     ),
-    Claim(
-        "Snippets help more if some of them hold the part elsewhere.",
-        "beyond the paper",
-        Better("ten_ta", "ten_own_grasps", settings=True),
-        _ONE_LEG,
-    ),
-    Claim(
-        "Four rounds of own successes help more than one.",
-        "beyond the paper",
-        Better("ten_ta_ci_4", "ten_ta_ci_1", settings=True),
-        _ONE_LEG,
-    ),
-    Claim(
-        "Leaving out successes that took long helps.",
-        "beyond the paper",
-        Better("ten_ta_ci_4", "ten_ta_ci_all_4", settings=True),
-        _ONE_LEG,
-    ),
-    Claim(
-        "Training anew in every round is better than training on.",
-        "beyond the paper",
-        Better("ten_ta_ci_4", "ten_ta_ci_on_4", settings=True),
-        _ONE_LEG,
-    ),
-    Claim(
-        "The operator's corrections of failed rollouts add to own successes.",
-        "beyond the paper",
-        Better("ten_dagger_4", "ten_ta_ci_4", settings=True),
-        _ONE_LEG,
-    ),
-    Claim(
-        "Diffusion beats flow matching.",
-        "beyond the paper",
-        Better("med_bc", "med_flow", settings=True),
-        _ONE_LEG,
-    ),
+    _beyond("Snippets help more if some of them hold the part elsewhere.", "ten_ta", "ten_own_grasps"),
+    _beyond("Four rounds of own successes help more than one.", "ten_ta_ci_4", "ten_ta_ci_1"),
+    _beyond("Leaving out successes that took long helps.", "ten_ta_ci_4", "ten_ta_ci_all_4"),
+    _beyond("Training anew in every round is better than training on.", "ten_ta_ci_4", "ten_ta_ci_on_4"),
+    _beyond("The operator's corrections of failed rollouts add to own successes.", "ten_dagger_4", "ten_ta_ci_4"),
+    _beyond("Diffusion beats flow matching.", "med_bc", "med_flow"),
 )
 """Statements that the paper does not make."""
 
